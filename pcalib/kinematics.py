@@ -1,0 +1,428 @@
+"""Closure, its Jacobians, and batched forward and inverse kinematics for any :class:`Mechanism`.
+
+One set of equations serves every robot kind: f(q, X, k) = 0 with one row per rod (paper eq. 2, in unit-rod form,
+so that f is an apparent rod-length error in metres). All derivatives are analytic and batched on the leading axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcalib import rotation
+from pcalib.mechanism import BaseSide, Mechanism, Pose
+
+CHUNK = 2000
+"""Poses per batch: the working set of one batch stays in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """What effects add to a rigid mechanism, per pose; None is nothing."""
+
+    actuator: np.ndarray | None = None
+    """(N, nq) [rad or m], true minus commanded."""
+    rod: np.ndarray | None = None
+    """(N, m) [m], lengthening."""
+    elbow: np.ndarray | None = None
+    """(N, m, 3) [m], base frame: displacement of the base-side anchors."""
+    plate: np.ndarray | None = None
+    """(N, m, 3) [m], plate frame: displacement of the plate-side anchors."""
+
+    def take(self, rows: np.ndarray | slice) -> Deviation:
+        """The deviations of some rows."""
+        return Deviation(*(None if v is None else v[rows] for v in vars(self).values()))
+
+
+RIGID = Deviation()
+
+
+@dataclass(frozen=True)
+class Closure:
+    """The closure at N poses and what every Jacobian needs of it."""
+
+    f: np.ndarray
+    """(N, m) [m], apparent rod-length errors."""
+    d: np.ndarray
+    """(N, m, 3) [m], B − A."""
+    n: np.ndarray
+    """(N, m, 3), unit directions of the rods (or the guides)."""
+    r: np.ndarray
+    """(N, m, 3) [m], B minus the reference point of the plate, base frame."""
+    side: BaseSide
+    b: np.ndarray
+    """(m, 3) or (N, m, 3) [m], plate-side anchors in the plate frame, hinges applied."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Poses and actuator values that a solver found."""
+
+    q: np.ndarray
+    """(N, nq) actuator values [rad or m]."""
+    pose: Pose
+    status: np.ndarray
+    """(N,) of 'ok', 'not_converged' or 'wrong_branch'."""
+    iterations: int
+    residual: np.ndarray
+    """(N,) [m], largest closure error."""
+
+    @property
+    def ok(self) -> np.ndarray:
+        """(N,) bool."""
+        return self.status == "ok"
+
+
+def base_side(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, deviation: Deviation = RIGID) -> BaseSide:
+    """Base-side anchors with the deviations of effects applied."""
+    if deviation.actuator is not None:
+        q = q + deviation.actuator
+    side = mechanism.actuation.base(k, q)
+    if deviation.elbow is None and deviation.rod is None:
+        return side
+    return BaseSide(
+        A=side.A if deviation.elbow is None else side.A + deviation.elbow,
+        dA=side.dA,
+        length=side.length if deviation.rod is None else side.length + deviation.rod,
+        dlength=side.dlength,
+        guide=side.guide,
+        dguide=side.dguide,
+    )
+
+
+def _plate_anchors(mechanism: Mechanism, k: np.ndarray, phi: np.ndarray, deviation: Deviation) -> np.ndarray:
+    """b_r in the plate frame with the hinges turned, (m, 3) or (N, m, 3)."""
+    b = k[mechanism.plate_columns]
+    if deviation.plate is not None:
+        b = b + deviation.plate
+    if mechanism.hinges:
+        body = mechanism.body
+        assert body is not None
+        b = np.broadcast_to(b, (len(phi), *b.shape[-2:])).copy()
+        for h, hinge in enumerate(mechanism.hinges):
+            rods = body == h + 1
+            turn = rotation.about(hinge.axis, phi[:, h])
+            b[:, rods] = hinge.point + (b[:, rods] - hinge.point) @ np.swapaxes(turn, -1, -2)
+    return b
+
+
+def _close(side: BaseSide, b: np.ndarray, x: np.ndarray, R: np.ndarray, reference: np.ndarray) -> Closure:
+    r = np.matmul(b - reference, np.swapaxes(R, -1, -2))
+    d = r + (x[:, None] - side.A)
+    length = np.sqrt(d[..., 0] ** 2 + d[..., 1] ** 2 + d[..., 2] ** 2)
+    n = d / length[..., None]
+    f = length - side.length
+    if side.guide is not None:
+        guided = ~np.isnan(side.guide[..., 0])
+        n = np.where(guided[..., None], np.nan_to_num(side.guide), n)
+        f = np.where(guided, np.sum(n * d, axis=-1) - side.length, f)
+    return Closure(f, d, n, r, side, b)
+
+
+def closure(
+    mechanism: Mechanism,
+    k: np.ndarray,
+    q: np.ndarray,
+    pose: Pose,
+    tool: np.ndarray | float = 0.0,
+    deviation: Deviation = RIGID,
+) -> Closure:
+    """The closure at given actuator values q (N, nq) and plate poses; r is taken about the TCP of `tool`.
+
+    `pose` is always that of the plate's origin C; `tool` (3,) or (N, 3) [m, plate frame] only moves the point
+    that J_X refers to.
+    """
+    side = base_side(mechanism, k, q, deviation)
+    b = _plate_anchors(mechanism, k, pose.phi, deviation)
+    tool = np.asarray(tool, float)
+    reference = tool[:, None, :] if tool.ndim == 2 else tool
+    x = pose.x if not tool.any() else pose.tcp(np.broadcast_to(tool, (len(pose), 3)))
+    return _close(side, b, x, pose.R, reference)
+
+
+def jacobian_state(mechanism: Mechanism, at: Closure, pose: Pose) -> np.ndarray:
+    """J_X = ∂f/∂(twist at the reference point, hinge angles), (N, m, n_state) (paper eq. 18, unit rods)."""
+    J = np.concatenate([at.n, rotation.cross(at.r, at.n)], axis=-1)
+    if len(mechanism.plate_dofs) < 6:
+        J = J[..., list(mechanism.plate_dofs)]
+    if mechanism.hinges:
+        assert mechanism.body is not None
+        columns = np.zeros((*at.f.shape, len(mechanism.hinges)))
+        for h, hinge in enumerate(mechanism.hinges):
+            rods = mechanism.body == h + 1
+            swing = rotation.cross(np.broadcast_to(hinge.axis, at.b[:, rods].shape), at.b[:, rods] - hinge.point)
+            swing = swing @ np.swapaxes(pose.R, -1, -2)
+            columns[:, rods, h] = np.sum(at.n[:, rods] * swing, axis=-1)
+        J = np.concatenate([J, columns], axis=-1)
+    return J
+
+
+def rod_rate(at: Closure) -> np.ndarray:
+    """∂f/∂q of each rod by its own actuator, (N, m)."""
+    rate = -np.sum(at.n * at.side.dA, axis=-1) - at.side.dlength
+    if at.side.dguide is not None:
+        rate = rate + np.sum(np.nan_to_num(at.side.dguide) * at.d, axis=-1)
+    return rate
+
+
+def jacobian_actuators(mechanism: Mechanism, at: Closure) -> np.ndarray:
+    """J_q = ∂f/∂q, (N, m, nq)."""
+    rate = rod_rate(at)
+    J = np.zeros((*rate.shape, len(mechanism.actuators)))
+    J[:, np.arange(rate.shape[1]), mechanism.actuator] = rate
+    return J
+
+
+def local_parameters(
+    mechanism: Mechanism, k: np.ndarray, q: np.ndarray, at: Closure, pose: Pose, deviation: Deviation = RIGID
+) -> tuple[np.ndarray, np.ndarray]:
+    """∂f/∂k by the few parameters each rod depends on: rows (N, m, c) and their columns (m, c) in k."""
+    if deviation.actuator is not None:
+        q = q + deviation.actuator
+    base = mechanism.actuation.rows(k, q, at.side, at.n, at.d)
+    plate = np.matmul(at.n, pose.R)  # Rᵀn
+    if mechanism.hinges:
+        assert mechanism.body is not None
+        plate = plate.copy()
+        for h, hinge in enumerate(mechanism.hinges):
+            rods = mechanism.body == h + 1
+            plate[:, rods] = plate[:, rods] @ rotation.about(hinge.axis, pose.phi[:, h])
+    rows = np.concatenate([base, plate], axis=-1)
+    return rows, np.hstack([mechanism.actuation.columns, mechanism.plate_columns])
+
+
+def jacobian_parameters(
+    mechanism: Mechanism, k: np.ndarray, q: np.ndarray, at: Closure, pose: Pose, deviation: Deviation = RIGID
+) -> np.ndarray:
+    """∂f/∂k, (N, m, nk); the paper's J_kC is its negative (eqs 12–19, errata applied)."""
+    rows, columns = local_parameters(mechanism, k, q, at, pose, deviation)
+    J = np.zeros((*at.f.shape, len(k)))
+    J[:, np.arange(rows.shape[1])[:, None], columns] = rows
+    return J
+
+
+def sensitivity(
+    mechanism: Mechanism,
+    k: np.ndarray,
+    q: np.ndarray,
+    pose: Pose,
+    tool: np.ndarray | float = 0.0,
+    deviation: Deviation = RIGID,
+) -> np.ndarray:
+    """S_C = −J_X⁻¹·∂f/∂k at the TCP of `tool`, (N, n_state, nk) (paper eq. 22)."""
+    at = closure(mechanism, k, q, pose, tool, deviation)
+    return -np.linalg.solve(
+        jacobian_state(mechanism, at, pose), jacobian_parameters(mechanism, k, q, at, pose, deviation)
+    )
+
+
+def move(mechanism: Mechanism, pose: Pose, step: np.ndarray) -> Pose:
+    """Poses after state increments (N, n_state): translation of C, left-multiplied rotation, hinge angles."""
+    nd = len(mechanism.plate_dofs)
+    twist = step[:, :nd]
+    if nd < 6:
+        full = np.zeros((len(step), 6))
+        full[:, list(mechanism.plate_dofs)] = twist
+        twist = full
+    phi = pose.phi + step[:, nd:] if mechanism.hinges else pose.phi
+    return Pose(pose.x + twist[:, :3], rotation.exp(twist[:, 3:]) @ pose.R, phi)
+
+
+def _limited(step: np.ndarray, largest: float = 0.5) -> np.ndarray:
+    """Newton steps shortened to `largest` (m, rad): far starts creep instead of jumping branch."""
+    size = np.abs(step).max(axis=-1, keepdims=True)
+    return np.where(size > largest, step * (largest / np.maximum(size, largest)), step)
+
+
+def _solve(J: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Batched J·step = −f; a singular pose gives NaN steps for itself only."""
+    try:
+        return np.linalg.solve(J, -f[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        singular = np.linalg.cond(J) > 1e14
+        step = np.full(f.shape, np.nan)
+        if not singular.all():
+            step[~singular] = np.linalg.solve(J[~singular], -f[~singular][..., None])[..., 0]
+        return step
+
+
+def _status(mechanism: Mechanism, at: Closure, pose: Pose, tilt: np.ndarray, tolerance: float) -> np.ndarray:
+    residual = np.abs(at.f).max(axis=-1)
+    status = np.full(len(residual), "ok", dtype="<U13")
+    turned = np.abs(tilt) > mechanism.max_tilt
+    if mechanism.rod_side:
+        plain = at.n if at.side.guide is None else at.n[:, np.isnan(at.side.guide[0, :, 0])]
+        turned |= (plain[..., 2] * mechanism.rod_side <= 0).any(axis=-1)
+    status[turned] = "wrong_branch"
+    status[~(residual <= tolerance)] = "not_converged"
+    return status
+
+
+def _in_chunks(n: int, run: Callable[[slice], Solution]) -> Solution:
+    """Run a solver over slices of at most CHUNK poses and join the answers."""
+    if n <= CHUNK:
+        return run(slice(None))
+    parts = [run(slice(i, i + CHUNK)) for i in range(0, n, CHUNK)]
+    return Solution(
+        q=np.concatenate([p.q for p in parts]),
+        pose=Pose(*(np.concatenate([getattr(p.pose, a) for p in parts]) for a in ("x", "R", "phi"))),
+        status=np.concatenate([p.status for p in parts]),
+        iterations=max(p.iterations for p in parts),
+        residual=np.concatenate([p.residual for p in parts]),
+    )
+
+
+def forward(
+    mechanism: Mechanism,
+    k: np.ndarray,
+    q: np.ndarray,
+    start: Pose | None = None,
+    deviation: Deviation = RIGID,
+    tolerance: float = 1e-12,
+    max_iterations: int = 40,
+) -> Solution:
+    """FPR_C: plate poses for actuator values q (N, nq), by Newton on the complete closure.
+
+    Args:
+        start: where Newton starts; the kind's closed form when absent.
+        tolerance: [m] on the largest closure error, reached in 3–4 iterations from the closed form.
+
+    Returns:
+        Solution, with a status per pose: nothing is raised for a pose that cannot be reached.
+    """
+    q = np.atleast_2d(np.asarray(q, float))
+
+    def run(rows: slice) -> Solution:
+        dev = deviation.take(rows)
+        side = base_side(mechanism, k, q[rows], dev)
+        pose = start.take(rows) if start is not None else mechanism.start(k, q[rows])
+        reference = pose.R
+        b = _plate_anchors(mechanism, k, pose.phi, dev)
+        origin = np.zeros(3)
+        at = _close(side, b, pose.x, pose.R, origin)
+        count = 0
+        while count < max_iterations and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
+            pose = move(mechanism, pose, _limited(_solve(jacobian_state(mechanism, at, pose), at.f)))
+            if mechanism.hinges:
+                b = _plate_anchors(mechanism, k, pose.phi, dev)
+            at = _close(side, b, pose.x, pose.R, origin)
+            count += 1
+        pose = Pose(pose.x, rotation.renormalise(pose.R), pose.phi)
+        tilt = _turned(pose.R, reference)
+        status = _status(mechanism, at, pose, tilt, max(tolerance, 1e-9))
+        return Solution(q[rows], pose, status, count, np.abs(at.f).max(axis=-1))
+
+    return _in_chunks(len(q), run)
+
+
+def _turned(R: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Angle between two sets of rotations [rad], (N,)."""
+    trace = np.sum(R * reference, axis=(-2, -1))
+    return np.arccos(np.clip(0.5 * (trace - 1), -1, 1))
+
+
+def inverse(
+    mechanism: Mechanism,
+    k: np.ndarray,
+    position: np.ndarray,
+    rotation_matrix: np.ndarray | None = None,
+    tool: np.ndarray | float = 0.0,
+    start: Solution | None = None,
+    deviation: Deviation = RIGID,
+    tolerance: float = 1e-12,
+    max_iterations: int = 40,
+) -> Solution:
+    """IPR_C: actuator values that bring the TCP to given positions (N, 3) [m]; the plate's free turn is solved for.
+
+    The unknowns are q and the components of the plate's twist *at the TCP* that the task does not prescribe:
+    the TCP never leaves its target, and the system is m × m.
+
+    Args:
+        rotation_matrix: (N, 3, 3) commanded orientation where the robot has one (hexa, H4, hexapod); identity
+            when absent. Components that the task does not prescribe are only a start.
+        tool: (3,) or (N, 3) [m], TCP in the plate frame.
+        start: an earlier solution to start from; the closed-form inverse at R when absent.
+    """
+    position = np.atleast_2d(np.asarray(position, float))
+    N = len(position)
+    if rotation_matrix is None:
+        rotation_matrix = np.broadcast_to(np.eye(3), (N, 3, 3))
+    tools = np.broadcast_to(np.asarray(tool, float), (N, 3))
+    free = [c for c, dof in enumerate(mechanism.plate_dofs) if dof not in mechanism.task]
+    free += list(range(len(mechanism.plate_dofs), mechanism.n_state))
+    nq = len(mechanism.actuators)
+    keep_yaw = 5 in mechanism.task and not {3, 4} & set(mechanism.task) and len(mechanism.plate_dofs) == 6
+
+    def run(rows: slice) -> Solution:
+        dev = deviation.take(rows)
+        target, R0, t = position[rows], rotation_matrix[rows], tools[rows]
+        reference = t[:, None, :] if np.ptp(t, axis=0).any() else t[0]
+        n = len(target)
+        if start is not None:
+            q, R, phi = start.q[rows], start.pose.R[rows], start.pose.phi[rows]
+        else:
+            R, phi = R0, np.zeros((n, len(mechanism.hinges)))
+            q = initial_actuators(mechanism, k, Pose(target - (R @ t[..., None])[..., 0], R, phi))
+        # Guided planar mechanisms keep their untasked translations free: those move the TCP itself.
+        p = target.copy()
+        if start is not None:
+            moved = [d for d in range(3) if d in mechanism.plate_dofs and d not in mechanism.task]
+            p[:, moved] = start.pose.tcp(tools)[rows][:, moved]
+        b = _plate_anchors(mechanism, k, phi, dev)
+        at = _close(base_side(mechanism, k, q, dev), b, p, R, reference)
+        count = 0
+        while count < max_iterations and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
+            now = Pose(p, R, phi)
+            J = np.concatenate(
+                [jacobian_actuators(mechanism, at), jacobian_state(mechanism, at, now)[..., free]], axis=-1
+            )
+            step = _limited(_solve(J, at.f))
+            q = q + step[:, :nq]
+            state = np.zeros((n, mechanism.n_state))
+            state[:, free] = step[:, nq:]
+            moved_pose = move(mechanism, now, state)
+            p, R, phi = moved_pose.x, moved_pose.R, moved_pose.phi
+            if keep_yaw:
+                R = _with_yaw_of(R, R0)
+            if mechanism.hinges:
+                b = _plate_anchors(mechanism, k, phi, dev)
+            at = _close(base_side(mechanism, k, q, dev), b, p, R, reference)
+            count += 1
+        R = rotation.renormalise(R)
+        pose = Pose(p - (R @ t[..., None])[..., 0], R, phi)
+        status = _status(mechanism, at, pose, _turned(R, R0), max(tolerance, 1e-9))
+        return Solution(q, pose, status, count, np.abs(at.f).max(axis=-1))
+
+    return _in_chunks(N, run)
+
+
+def initial_actuators(mechanism: Mechanism, k: np.ndarray, pose: Pose) -> np.ndarray:
+    """IPR_S: closed-form actuator values for given plate poses, the mean over each actuator's rods, (N, nq)."""
+    b = _plate_anchors(mechanism, k, pose.phi, RIGID)
+    B = pose.x[:, None] + np.matmul(b, np.swapaxes(pose.R, -1, -2))
+    each = mechanism.actuation.reach(k, B)
+    if mechanism.actuator_dimension == "angle":
+        each = np.mod(each + np.pi, 2 * np.pi) - np.pi
+    nq = len(mechanism.actuators)
+    spread = np.zeros((each.shape[1], nq))
+    spread[np.arange(each.shape[1]), mechanism.actuator] = 1.0
+    known = ~np.isnan(each).all(axis=0)  # guided rows have no reach of their own
+    spread[~known] = 0.0
+    return np.where(known, each, 0.0) @ (spread / spread.sum(axis=0))
+
+
+def _with_yaw_of(R: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """R turned about z so that its twist about the base's z axis is that of `wanted` (swing–twist split)."""
+    w, z = (rotation.to_quaternion(R)[..., c] for c in (0, 3))
+    w0, z0 = (rotation.to_quaternion(wanted)[..., c] for c in (0, 3))
+    turn = 2 * (np.arctan2(z0, w0) - np.arctan2(z, w))
+    return R @ rotation.about(np.array([0.0, 0.0, 1.0]), turn)
+
+
+def task_jacobian(mechanism: Mechanism, at: Closure, pose: Pose) -> np.ndarray:
+    """∂(task)/∂q at the reference point of `at`, (N, len(task), nq); its inverse is the paper's J_S^m (eq. 32)."""
+    J = -np.linalg.solve(jacobian_state(mechanism, at, pose), jacobian_actuators(mechanism, at))
+    rows = [mechanism.plate_dofs.index(d) for d in mechanism.task]
+    return J[:, rows]

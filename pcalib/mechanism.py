@@ -1,0 +1,157 @@
+"""A robot built of rods between anchor points, as data: what every kind supplies and every solver uses.
+
+Rod r joins a base-side anchor A_r(q), moved by at most one actuator, to a plate-side anchor B_r(X):
+
+    closure    f_r = n_r·(B_r − A_r) − l_r = 0,      n_r = (B_r − A_r)/|B_r − A_r|
+
+A guided row (the driven rod of the planar mechanism) is the same equation with a direction n_r(q) that the
+actuator prescribes and l_r = 0. The plate is a rigid body, or a chain of bodies hinged to a central one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class BaseSide:
+    """The base-side ends of m rods for N actuator settings."""
+
+    A: np.ndarray
+    """(N, m, 3) [m], base frame."""
+    dA: np.ndarray
+    """(N, m, 3), derivative of A by the rod's own actuator [m/rad or 1]."""
+    length: np.ndarray
+    """(m,) or (N, m) [m]; zero on guided rows."""
+    dlength: np.ndarray | float = 0.0
+    """(N, m), derivative of the length by the rod's own actuator (legs of commanded length)."""
+    guide: np.ndarray | None = None
+    """(N, m, 3) prescribed unit directions of guided rows, NaN on plain rods; None where there are none."""
+    dguide: np.ndarray | None = None
+    """(N, m, 3), derivative of `guide` by the rod's own actuator."""
+
+
+class Actuation(Protocol):
+    """How actuators and base-side parameters place the anchors: rotary arms, carriages, legs."""
+
+    columns: np.ndarray
+    """(m, c) indices into the parameter vector: the base-side parameters of each rod, its length included."""
+
+    def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
+        """Anchors for parameters k (nk,) and actuator values q (N, nq)."""
+        ...
+
+    def rows(self, k: np.ndarray, q: np.ndarray, side: BaseSide, n: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """∂f/∂k of each rod by its `columns`, (N, m, c), for directions n and rod vectors d = B − A (N, m, 3)."""
+        ...
+
+    def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
+        """Closed-form actuator value that lets each rod reach B (N, m, 3): (N, m), NaN where it cannot."""
+        ...
+
+    def weight_moment(self, k: np.ndarray, q: np.ndarray, mass: Mapping[str, float], g: np.ndarray) -> np.ndarray:
+        """Generalised force of the moving base-side masses on each actuator, (N, nq) [N·m or N]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """A revolute joint that carries a further plate body on the central one."""
+
+    point: np.ndarray
+    """(3,) [m], plate frame."""
+    axis: np.ndarray
+    """(3,) unit vector, plate frame."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """A named subspace of geometric errors, δk = basis·z: what a calibration method lets vary."""
+
+    name: str
+    columns: tuple[str, ...]
+    basis: np.ndarray
+    """(nk, nz)."""
+    units: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Plate poses: x (N, 3) [m], R (N, 3, 3) plate → base, phi (N, h) [rad] angles of the plate's hinges."""
+
+    x: np.ndarray
+    R: np.ndarray
+    phi: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def tcp(self, tool: np.ndarray) -> np.ndarray:
+        """TCP positions x + R·t (N, 3) [m], for a tool (3,) or (N, 3) in the plate frame."""
+        return self.x + (self.R @ np.broadcast_to(tool, self.x.shape)[..., None])[..., 0]
+
+    def take(self, rows: np.ndarray | slice) -> Pose:
+        """The poses of some rows."""
+        return Pose(self.x[rows], self.R[rows], self.phi[rows])
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """One robot's topology, its named geometric parameters with nominal values, and its start values."""
+
+    kind: str
+    parameters: tuple[str, ...]
+    """Names of the geometric parameters, in the order of the vector k."""
+    nominal: np.ndarray
+    """(nk,) nominal values [m, rad or 1]."""
+    units: tuple[str, ...]
+    """'m', 'rad' or '1' of each parameter."""
+    rods: tuple[str, ...]
+    """Names of the m rows."""
+    actuators: tuple[str, ...]
+    """Names of the nq actuator coordinates, e.g. q1 q2 q3."""
+    actuator_dimension: str
+    """'angle' or 'length'."""
+    actuator: np.ndarray
+    """(m,) which actuator moves each rod."""
+    actuation: Actuation
+    plate_columns: np.ndarray
+    """(m, 3) where b_r stands in k, plate frame."""
+    levels: Mapping[str, Level]
+    start: Callable[[np.ndarray, np.ndarray], Pose]
+    """Approximate plate poses for (k, q): where Newton starts."""
+    task: tuple[int, ...] = (0, 1, 2)
+    """Which of (x y z rx ry rz) a command prescribes; as many as there are actuators."""
+    plate_dofs: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+    """Which components of the plate's twist exist (a planar mechanism has 0 1 5)."""
+    hinges: tuple[Hinge, ...] = ()
+    body: np.ndarray | None = None
+    """(m,) plate body of each rod: 0 the central one, h the one on hinge h; None where there is but one."""
+    rod_side: int = -1
+    """Sign of every rod's z direction on the working branch, seen from base to plate; 0: not checked."""
+    max_tilt: float = 0.3
+    """[rad] a plate turned further than this from its commanded orientation is on a wrong branch."""
+
+    @property
+    def n_state(self) -> int:
+        """Unknowns of the plate: its twist components and hinge angles."""
+        return len(self.plate_dofs) + len(self.hinges)
+
+    def index(self, name: str) -> int:
+        """Position of a named parameter in k."""
+        return self.parameters.index(name)
+
+    def vector(self, values: Mapping[str, float]) -> np.ndarray:
+        """The nominal k with some named values replaced."""
+        k = self.nominal.copy()
+        for name, value in values.items():
+            k[self.index(name)] = value
+        return k
+
+    def plate_points(self, k: np.ndarray) -> np.ndarray:
+        """b_r of every rod, (m, 3) [m], plate frame at zero hinge angles."""
+        return k[self.plate_columns]

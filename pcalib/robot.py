@@ -1,0 +1,175 @@
+"""Robot files: a robot's kind, nominal dimensions, joint range, masses and workspace.
+
+This is a description only; the kinematics live in the mechanism that the kind builds from it.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcalib import kinds, units
+from pcalib.errors import InputError, unknown
+from pcalib.mechanism import Mechanism
+
+STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Working cylinder about the base's z axis [m]."""
+
+    radius: float
+    z_min: float
+    z_max: float
+
+    def contains(self, position: np.ndarray, slack: float = 1e-9) -> np.ndarray:
+        """Which positions (N, 3) lie inside."""
+        r = np.hypot(position[..., 0], position[..., 1])
+        z = position[..., 2]
+        return (r <= self.radius + slack) & (z >= self.z_min - slack) & (z <= self.z_max + slack)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """The content of a robot file, in SI units."""
+
+    name: str
+    kind: str
+    dimensions: Mapping[str, Any]
+    """[geometry], lists as arrays."""
+    joint_min: float
+    joint_max: float
+    mass: Mapping[str, float]
+    """[mass]: arm, arm_com, rod, plate, … [kg, m]; empty where the file has none."""
+    workspace: Workspace
+    gravity: np.ndarray = field(default_factory=lambda: STANDARD_GRAVITY.copy())
+    """(3,) [m/s²], base frame."""
+    drive: Mapping[str, Any] = field(default_factory=dict)
+    """[drive], e.g. ripple_per_turn."""
+    text: str = ""
+    """The file itself: a model file carries it, and so needs no second file."""
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """Topology, parameter names and nominal values."""
+        return kinds.get(self.kind).build(self.dimensions)
+
+    @property
+    def joint_range(self) -> tuple[float, float]:
+        """Smallest and largest actuator value [rad or m]."""
+        return self.joint_min, self.joint_max
+
+
+def load(path: str | Path) -> Robot:
+    """Read a robot file (TOML).
+
+    Raises:
+        InputError: not readable, not TOML, or a key that is missing, unknown, without unit or out of range.
+    """
+    from pcalib.files import read_text
+
+    return parse(read_text(path), path)
+
+
+def parse(text: str, source: str | Path = "robot") -> Robot:
+    """A robot from the text of its file; `source` names it in messages."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not valid TOML: {error}", file=source, remedy="see models/delta.toml for the form") from None
+    try:
+        return from_table(table, text)
+    except InputError as error:
+        if error.file is not None:
+            raise
+        raise InputError(
+            error.problem, file=source, line=_line_of(text, error.column), column=error.column, remedy=error.remedy
+        ) from None
+
+
+def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
+    """A robot from its parsed TOML table."""
+    sections = ["name", "kind", "geometry", "joints", "mass", "workspace", "gravity", "drive"]
+    for key in table:
+        if key not in sections:
+            raise InputError(unknown("key", key, sections), column=key)
+    for key in ("name", "kind"):
+        if not isinstance(table.get(key), str):
+            raise InputError(f"'{key}' is missing or not text", column=key, remedy=f'write {key} = "delta"')
+    kind = kinds.get(table["kind"])
+    dimensions = _section(table, "geometry", dict(kind.dimensions))
+    joints = _section(table, "joints", {"min": kind.joint_dimension, "max": kind.joint_dimension})
+    if not joints["min"] < joints["max"]:
+        raise InputError("[joints] min must be below max", column="min")
+    workspace = _section(table, "workspace", {"radius": "length", "z_min": "length", "z_max": "length"})
+    if not (workspace["z_min"] < workspace["z_max"] and workspace["radius"] > 0):
+        raise InputError("[workspace] needs z_min below z_max and a positive radius", column="radius")
+    mass = _section(table, "mass", dict(kind.masses)) if "mass" in table else {}
+    for key, value in mass.items():
+        if value < 0:
+            raise InputError(f"[mass] {key} is negative", column=key)
+    gravity = STANDARD_GRAVITY.copy()
+    if "gravity" in table:
+        gravity = _section(table, "gravity", {"vector[]": "acceleration"})["vector"]
+        if gravity.shape != (3,):
+            raise InputError("[gravity] vector_m_s2 needs three numbers", column="vector")
+    drive = {}
+    if "drive" in table:
+        drive = dict(table["drive"])
+        for key in drive:
+            if key != "ripple_per_turn":
+                raise InputError(unknown("key in [drive]", key, ["ripple_per_turn"]), column=key)
+    robot = Robot(
+        table["name"], table["kind"], dimensions, joints["min"], joints["max"], mass, Workspace(**workspace),
+        gravity, drive, text,
+    )
+    robot.mechanism  # a robot that cannot be built is a bad file, and is said so here
+    return robot
+
+
+def _section(table: Mapping[str, Any], name: str, schema: dict[str, str]) -> dict[str, Any]:
+    """One [section] in SI: every key of the schema once, nothing else; 'quantity[]' is a list of numbers."""
+    if not isinstance(table.get(name), dict):
+        raise InputError(f"section [{name}] is missing", remedy=f"keys: {', '.join(q.strip('[]') for q in schema)}")
+    section = table[name]
+    lists = {q[:-2] for q in schema if q.endswith("[]")}
+    wanted = {q.removesuffix("[]"): dimension for q, dimension in schema.items()}
+    found = units.resolve(list(section), wanted, where=f"[{name}] key")
+    used = {key for key, _ in found.values()}
+    accepted = [units.spellings(q, d) if d != "none" else q for q, d in wanted.items()]
+    for key in section:
+        if key not in used:
+            raise InputError(f"[{name}] unknown key '{key}'", column=key, remedy=f"accepted: {'; '.join(accepted)}")
+    out: dict[str, Any] = {}
+    for quantity, dimension in wanted.items():
+        if quantity not in found:
+            spelling = units.spellings(quantity, dimension) if dimension != "none" else quantity
+            raise InputError(f"[{name}] '{quantity}' is missing", remedy=f"write one of {spelling}")
+        key, factor = found[quantity]
+        raw = section[key]
+        values = raw if quantity in lists else [raw]
+        if not isinstance(values, list) or not all(
+            isinstance(v, (int, float)) and not isinstance(v, bool) and np.isfinite(v) for v in values
+        ):
+            what = "a list of numbers" if quantity in lists else "a number"
+            raise InputError(f"[{name}] '{key}' must be {what}, not {raw!r}", column=key)
+        si = np.array(values, float) * factor
+        out[quantity] = si if quantity in lists else float(si[0])
+    return out
+
+
+def _line_of(text: str, key: str | None) -> int | None:
+    """Line on which a key is written, for messages."""
+    if key is None:
+        return None
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.split("=")[0].strip().startswith(key):
+            return number
+    return None

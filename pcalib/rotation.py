@@ -1,0 +1,128 @@
+"""Rotations: exponential map and its relatives, batched over leading axes.
+
+A rotation vector is axis × angle [rad]; increments multiply from the left, R ← exp(ω)·R.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def hat(v: np.ndarray) -> np.ndarray:
+    """Cross-product matrix: ``hat(v) @ w == cross(v, w)``. (..., 3) → (..., 3, 3)."""
+    v = np.asarray(v, float)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product on the last axis; several times faster than ``np.cross`` on batches."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = ay * bz - az * by
+    out[..., 1] = az * bx - ax * bz
+    out[..., 2] = ax * by - ay * bx
+    return out
+
+
+def _coefficients(angle2: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """sin θ/θ, (1 − cos θ)/θ², (θ − sin θ)/θ³ from θ², by series where θ is small."""
+    small = angle2 < 1e-4
+    t2 = np.where(small, 1.0, angle2)
+    t = np.sqrt(t2)
+    a = np.where(small, 1 - angle2 / 6 * (1 - angle2 / 20 * (1 - angle2 / 42)), np.sin(t) / t)
+    b = np.where(small, 0.5 - angle2 / 24 * (1 - angle2 / 30 * (1 - angle2 / 56)), (1 - np.cos(t)) / t2)
+    c = np.where(small, 1 / 6 - angle2 / 120 * (1 - angle2 / 42 * (1 - angle2 / 72)), (t - np.sin(t)) / (t2 * t))
+    return a, b, c
+
+
+def exp(v: np.ndarray) -> np.ndarray:
+    """Rotation matrix of a rotation vector. (..., 3) [rad] → (..., 3, 3)."""
+    v = np.asarray(v, float)
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    a, b, _ = _coefficients(x * x + y * y + z * z)
+    out = np.empty((*v.shape, 3))
+    out[..., 0, 0] = 1 - b * (y * y + z * z)
+    out[..., 1, 1] = 1 - b * (x * x + z * z)
+    out[..., 2, 2] = 1 - b * (x * x + y * y)
+    out[..., 0, 1] = b * x * y - a * z
+    out[..., 1, 0] = b * x * y + a * z
+    out[..., 0, 2] = b * x * z + a * y
+    out[..., 2, 0] = b * x * z - a * y
+    out[..., 1, 2] = b * y * z - a * x
+    out[..., 2, 1] = b * y * z + a * x
+    return out
+
+
+def log(R: np.ndarray) -> np.ndarray:
+    """Rotation vector of a rotation matrix, angle in [0, π]. (..., 3, 3) → (..., 3) [rad]."""
+    q = to_quaternion(R)
+    q = np.where(q[..., :1] < 0, -q, q)
+    s = np.linalg.norm(q[..., 1:], axis=-1)
+    angle = 2 * np.arctan2(s, q[..., 0])
+    scale = np.where(s < 1e-10, 2.0, angle / np.where(s < 1e-10, 1.0, s))
+    return q[..., 1:] * scale[..., None]
+
+
+def left_jacobian(v: np.ndarray) -> np.ndarray:
+    """J with exp(v + dv) ≈ exp(J·dv)·exp(v). (..., 3) → (..., 3, 3)."""
+    v = np.asarray(v, float)
+    _, b, c = _coefficients(np.sum(v * v, axis=-1))
+    h = hat(v)
+    return np.eye(3) + b[..., None, None] * h + c[..., None, None] * (h @ h)
+
+
+def to_quaternion(R: np.ndarray) -> np.ndarray:
+    """Unit quaternion (w, x, y, z), by the largest of the four candidates. (..., 3, 3) → (..., 4)."""
+    R = np.asarray(R, float)
+    r00, r11, r22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    # Rows of the symmetric matrix 4·q·qᵀ; the row with the largest diagonal is the best conditioned.
+    K = np.empty((*R.shape[:-2], 4, 4))
+    K[..., 0, 0] = 1 + r00 + r11 + r22
+    K[..., 1, 1] = 1 + r00 - r11 - r22
+    K[..., 2, 2] = 1 - r00 + r11 - r22
+    K[..., 3, 3] = 1 - r00 - r11 + r22
+    K[..., 0, 1] = K[..., 1, 0] = R[..., 2, 1] - R[..., 1, 2]
+    K[..., 0, 2] = K[..., 2, 0] = R[..., 0, 2] - R[..., 2, 0]
+    K[..., 0, 3] = K[..., 3, 0] = R[..., 1, 0] - R[..., 0, 1]
+    K[..., 1, 2] = K[..., 2, 1] = R[..., 0, 1] + R[..., 1, 0]
+    K[..., 1, 3] = K[..., 3, 1] = R[..., 0, 2] + R[..., 2, 0]
+    K[..., 2, 3] = K[..., 3, 2] = R[..., 1, 2] + R[..., 2, 1]
+    best = np.argmax(np.diagonal(K, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(K, best[..., None, None], axis=-2)[..., 0, :]
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def from_quaternion(q: np.ndarray) -> np.ndarray:
+    """Rotation matrix of a unit quaternion (w, x, y, z). (..., 4) → (..., 3, 3)."""
+    q = np.asarray(q, float)
+    v, w = q[..., 1:], q[..., :1]
+    h = hat(v)
+    return np.eye(3) + 2 * w[..., None] * h + 2 * (h @ h)
+
+
+def about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rotation by `angle` (...) [rad] about a unit `axis` (3,)."""
+    return exp(np.asarray(angle, float)[..., None] * np.asarray(axis, float))
+
+
+def check(R: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
+    """R itself, asserted to be in SO(3): orthonormal with determinant +1.
+
+    Raises:
+        ValueError: some matrix of the batch is no rotation.
+    """
+    R = np.asarray(R, float)
+    off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0)
+    if not off <= tolerance or not np.all(np.linalg.det(R) > 0):
+        raise ValueError(f"not a rotation matrix: |R·Rᵀ − I| = {off:.1e}, or its determinant is not +1")
+    return R
+
+
+def renormalise(R: np.ndarray) -> np.ndarray:
+    """The nearest rotation to a product of many, by one Newton step of the polar decomposition."""
+    return 0.5 * R @ (3 * np.eye(3) - np.swapaxes(R, -1, -2) @ R)

@@ -1,0 +1,148 @@
+"""Units at the edges: every physical quantity in a file or on a command line carries its unit in its name.
+
+Inside the code all values are SI (m, rad, kg, N, s); temperatures stay in °C because every effect
+uses the difference from 20 °C.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcalib.errors import InputError
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One accepted spelling: its dimension and the factor to SI."""
+
+    suffix: str
+    dimension: str
+    factor: float
+
+
+_DEGREE = math.pi / 180.0
+UNITS: dict[str, Unit] = {
+    suffix: Unit(suffix, dimension, factor)
+    for suffix, dimension, factor in [
+        ("um", "length", 1e-6),
+        ("mm", "length", 1e-3),
+        ("cm", "length", 1e-2),
+        ("m", "length", 1.0),
+        ("urad", "angle", 1e-6),
+        ("mrad", "angle", 1e-3),
+        ("arcmin", "angle", _DEGREE / 60),
+        ("arcsec", "angle", _DEGREE / 3600),
+        ("deg", "angle", _DEGREE),
+        ("rad", "angle", 1.0),
+        ("rev", "angle", 2 * math.pi),
+        ("g", "mass", 1e-3),
+        ("kg", "mass", 1.0),
+        ("degC", "temperature", 1.0),
+        ("s", "time", 1.0),
+        ("min", "time", 60.0),
+        ("h", "time", 3600.0),
+        ("m_s2", "acceleration", 1.0),
+        ("N", "force", 1.0),
+        ("Nm", "torque", 1.0),
+        ("N_um", "stiffness", 1e6),
+        ("N_mm", "stiffness", 1e3),
+        ("N_m", "stiffness", 1.0),
+        ("Nm_rad", "rotational_stiffness", 1.0),
+        ("kNm_rad", "rotational_stiffness", 1e3),
+        ("m_N", "compliance", 1.0),
+        ("um_N", "compliance", 1e-6),
+        ("mm_N", "compliance", 1e-3),
+        ("rad_Nm", "rotational_compliance", 1.0),
+        ("urad_Nm", "rotational_compliance", 1e-6),
+        ("mrad_Nm", "rotational_compliance", 1e-3),
+        ("rad_N", "tip_compliance", 1.0),
+        ("urad_N", "tip_compliance", 1e-6),
+        ("1_K", "expansion", 1.0),
+        ("ppm_K", "expansion", 1e-6),
+        ("rad_K", "angle_per_kelvin", 1.0),
+        ("urad_K", "angle_per_kelvin", 1e-6),
+        ("m_K", "length_per_kelvin", 1.0),
+        ("um_K", "length_per_kelvin", 1e-6),
+        ("ppm", "ratio", 1e-6),
+        ("m_s", "velocity", 1.0),
+        ("um_h", "velocity", 1e-6 / 3600),
+        ("mm_h", "velocity", 1e-3 / 3600),
+        ("rad_s", "angular_velocity", 1.0),
+        ("urad_h", "angular_velocity", 1e-6 / 3600),
+        ("per_rev", "count", 1.0),
+    ]
+}
+_BY_LENGTH = sorted(UNITS, key=len, reverse=True)
+
+
+def spellings(quantity: str, dimension: str) -> str:
+    """Accepted names of a quantity: ``x_um, x_mm, x_cm, x_m``."""
+    return ", ".join(f"{quantity}_{u.suffix}" for u in UNITS.values() if u.dimension == dimension)
+
+
+def split(name: str) -> tuple[str, Unit | None]:
+    """``"base_radius_mm"`` → ``("base_radius", Unit mm)``; the unit is None where no known suffix ends the name."""
+    for suffix in _BY_LENGTH:
+        if name.endswith("_" + suffix):
+            return name[: -len(suffix) - 1], UNITS[suffix]
+    return name, None
+
+
+def resolve(names: list[str], wanted: dict[str, str], *, where: str = "key") -> dict[str, tuple[str, float]]:
+    """Which of `names` give the `wanted` quantities (quantity → dimension), and the factor of each to SI.
+
+    A name that is a wanted quantity with no unit, or with a unit of another dimension, and a quantity that is
+    given twice, are errors that list the accepted spellings. Names of other quantities are ignored.
+    """
+    found: dict[str, tuple[str, float]] = {}
+    for name in names:
+        quantity, unit = split(name)
+        bare = name if name in wanted else quantity
+        if bare not in wanted:
+            stem = name.rsplit("_", 1)[0]
+            if stem in wanted and wanted[stem] != "count":
+                raise InputError(
+                    f"{where} '{name}': '{name[len(stem) + 1:]}' is not a known unit",
+                    remedy=f"write one of {spellings(stem, wanted[stem])}",
+                )
+            continue
+        dimension = wanted[bare]
+        if bare == name and dimension not in ("none", "count"):
+            raise InputError(
+                f"{where} '{name}' has no unit", remedy=f"write one of {spellings(name, dimension)}"
+            )
+        if bare != name and (unit is None or unit.dimension != dimension):
+            raise InputError(
+                f"{where} '{name}': '{unit.suffix if unit else ''}' is not a unit of {dimension}",
+                remedy=f"write one of {spellings(bare, dimension)}",
+            )
+        if bare in found:
+            raise InputError(
+                f"'{bare}' is given twice: {where}s '{found[bare][0]}' and '{name}'", remedy="keep one of them"
+            )
+        found[bare] = (name, 1.0 if unit is None or bare == name else unit.factor)
+    return found
+
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+def parse_quantity(text: str, dimension: str, *, option: str = "value") -> np.ndarray:
+    """``"0,0,-300mm"`` or ``"5deg"`` → SI array; the unit stands once at the end.
+
+    Raises:
+        InputError: no unit, an unknown or wrong unit, or text that is no number.
+    """
+    accepted = ", ".join(u.suffix for u in UNITS.values() if u.dimension == dimension)
+    match = re.fullmatch(rf"\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*([A-Za-z_0-9]*)\s*", text)
+    if not match:
+        raise InputError(f"{option} '{text}' is not a list of numbers with a unit", remedy=f"units: {accepted}")
+    unit = UNITS.get(match.group(2))
+    if unit is None or unit.dimension != dimension:
+        said = f"unknown unit '{match.group(2)}'" if match.group(2) else "no unit"
+        raise InputError(f"{option} '{text}': {said}", remedy=f"end it with one of {accepted}, e.g. '0,0,-300mm'")
+    return np.array([float(v) for v in match.group(1).split(",")]) * unit.factor
