@@ -94,7 +94,7 @@ def base_side(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, deviation: Dev
 
 def _plate_anchors(mechanism: Mechanism, k: np.ndarray, phi: np.ndarray, deviation: Deviation) -> np.ndarray:
     """b_r in the plate frame with the hinges turned, (m, 3) or (N, m, 3)."""
-    b = k[mechanism.plate_columns]
+    b = mechanism.plate_points(k)
     if deviation.plate is not None:
         b = b + deviation.plate
     if mechanism.hinges:
@@ -189,6 +189,8 @@ def local_parameters(
         for h, hinge in enumerate(mechanism.hinges):
             rods = mechanism.body == h + 1
             plate[:, rods] = plate[:, rods] @ rotation.about(hinge.axis, pose.phi[:, h])
+    if mechanism.plate_signs is not None:
+        plate = plate * mechanism.plate_signs
     rows = np.concatenate([base, plate], axis=-1)
     return rows, np.hstack([mechanism.actuation.columns, mechanism.plate_columns])
 
@@ -337,7 +339,8 @@ def inverse(
     """IPR_C: actuator values that bring the TCP to given positions (N, 3) [m]; the plate's free turn is solved for.
 
     The unknowns are q and the components of the plate's twist *at the TCP* that the task does not prescribe:
-    the TCP never leaves its target, and the system is m × m.
+    the TCP never leaves its target, and the system is m × m. A translation outside the task (the planar
+    mechanism's y) is solved for too; what `position` says of it is ignored.
 
     Args:
         rotation_matrix: (N, 3, 3) commanded orientation where the robot has one (hexa, H4, hexapod); identity
@@ -352,6 +355,7 @@ def inverse(
     tools = np.broadcast_to(np.asarray(tool, float), (N, 3))
     free = [c for c, dof in enumerate(mechanism.plate_dofs) if dof not in mechanism.task]
     free += list(range(len(mechanism.plate_dofs), mechanism.n_state))
+    loose = [d for d in mechanism.plate_dofs if d < 3 and d not in mechanism.task]
     nq = len(mechanism.actuators)
     keep_yaw = 5 in mechanism.task and not {3, 4} & set(mechanism.task) and len(mechanism.plate_dofs) == 6
 
@@ -365,11 +369,11 @@ def inverse(
         else:
             R, phi = R0, np.zeros((n, len(mechanism.hinges)))
             q = initial_actuators(mechanism, k, Pose(target - (R @ t[..., None])[..., 0], R, phi))
-        # Guided planar mechanisms keep their untasked translations free: those move the TCP itself.
-        p = target.copy()
-        if start is not None:
-            moved = [d for d in range(3) if d in mechanism.plate_dofs and d not in mechanism.task]
-            p[:, moved] = start.pose.tcp(tools)[rows][:, moved]
+        p = target
+        if loose:  # a translation that the task leaves free carries the TCP with it
+            p = target.copy()
+            near = start.pose.take(rows) if start is not None else mechanism.start(k, q)
+            p[:, loose] = near.tcp(t)[:, loose]
         b = _plate_anchors(mechanism, k, phi, dev)
         at = _close(base_side(mechanism, k, q, dev), b, p, R, reference)
         count = 0

@@ -120,7 +120,7 @@ class Mechanism:
     """(m,) which actuator moves each rod."""
     actuation: Actuation
     plate_columns: np.ndarray
-    """(m, 3) where b_r stands in k, plate frame."""
+    """(m, 3) where b_r stands in k, plate frame; distinct within a row."""
     levels: Mapping[str, Level]
     start: Callable[[np.ndarray, np.ndarray], Pose]
     """Approximate plate poses for (k, q): where Newton starts."""
@@ -133,6 +133,8 @@ class Mechanism:
     """(m,) plate body of each rod: 0 the central one, h the one on hinge h; None where there is but one."""
     rod_side: int = -1
     """Sign of every rod's z direction on the working branch, seen from base to plate; 0: not checked."""
+    plate_signs: np.ndarray | None = None
+    """(m, 3) factors of `plate_columns`: −1 on a coordinate counted backwards, 0 where there is none; None: all +1."""
     max_tilt: float = 0.3
     """[rad] a plate turned further than this from its commanded orientation is on a wrong branch."""
 
@@ -154,4 +156,5 @@ class Mechanism:
 
     def plate_points(self, k: np.ndarray) -> np.ndarray:
         """b_r of every rod, (m, 3) [m], plate frame at zero hinge angles."""
-        return k[self.plate_columns]
+        b = k[self.plate_columns]
+        return b if self.plate_signs is None else self.plate_signs * b
