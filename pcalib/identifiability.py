@@ -1,0 +1,124 @@
+"""What data can say about parameters: scaled spectrum, identifiable base, null directions in words, indices.
+
+Everything is measured in units of prior σ / posterior σ (from the data alone): a direction with ratio 1 is known by
+the data as well as by the drawing. The threshold 1e-2 has a physical meaning; machine epsilon has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+THRESHOLD = 1e-2
+"""prior σ / posterior σ above which a direction counts as identified."""
+
+PRIOR = {"m": 1e-4, "rad": np.radians(0.05), "1": 1e-3}
+"""Nominal manufacturing tolerances, 1σ, by unit: 0.1 mm, 0.05°, 0.1 %."""
+
+
+def priors(units: Sequence[str]) -> np.ndarray:
+    """1σ manufacturing prior of each parameter, by its unit."""
+    return np.array([PRIOR[u] for u in units])
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """The spectrum of a design, as seen through prior and noise."""
+
+    names: tuple[str, ...]
+    ratio: np.ndarray
+    """(nz,) prior σ / posterior σ of each singular direction, descending."""
+    directions: np.ndarray
+    """(nz, nz) unit directions in prior-scaled parameters, one per column."""
+    base: tuple[str, ...]
+    """The identifiable base δk_b: parameters that pivoted QR keeps (paper after eq. 24)."""
+    dependent: dict[str, dict[str, float]]
+    """Each parameter outside the base and the base parameters it cannot be told from, with factors."""
+
+    @property
+    def n_identified(self) -> int:
+        """Directions above the threshold."""
+        return int(np.sum(self.ratio > THRESHOLD))
+
+    def sentences(self) -> list[str]:
+        """The null directions in words."""
+        out = []
+        for name, mix in self.dependent.items():
+            if not mix:
+                out.append(f"{name} leaves no trace in these data")
+                continue
+            terms = " ".join(f"{value:+.2f}·{other}" for other, value in mix.items())
+            out.append(f"{name} cannot be told from {terms}")
+        return out
+
+
+def project_out(J: np.ndarray, nuisance: np.ndarray | None) -> np.ndarray:
+    """J with the column space of nuisance unknowns (frame, target) removed."""
+    if nuisance is None or nuisance.shape[1] == 0:
+        return J
+    scale = np.linalg.norm(nuisance, axis=0)
+    U, s, _ = np.linalg.svd(nuisance / np.where(scale > 0, scale, 1.0), full_matrices=False)
+    U = U[:, s > 1e-9 * s[0]]
+    return J - U @ (U.T @ J)
+
+
+def analyse(
+    J: np.ndarray, prior: np.ndarray, names: Sequence[str], nuisance: np.ndarray | None = None
+) -> Identifiability:
+    """Spectrum and base of a whitened Jacobian J (M, nz) with 1σ priors (nz,).
+
+    Args:
+        J: rows in units of measurement σ.
+        nuisance: (M, n) whitened columns of unknowns without prior, projected out first.
+    """
+    scaled = project_out(J, nuisance) * prior
+    if len(scaled) > scaled.shape[1]:
+        scaled = np.linalg.qr(scaled, mode="r")
+    _, s, Vt = np.linalg.svd(scaled)
+    ratio = np.zeros(scaled.shape[1])
+    ratio[: len(s)] = s
+    rank = int(np.sum(ratio > THRESHOLD))
+    R, pivot = scipy.linalg.qr(scaled, mode="r", pivoting=True)
+    base = pivot[:rank]
+    dependent: dict[str, dict[str, float]] = {}
+    if rank:
+        mix = scipy.linalg.solve_triangular(R[:rank, :rank], R[:rank, rank:])
+        mix = mix / prior[base][:, None] * prior[pivot[rank:]]  # in parameter units
+        for j, column in enumerate(pivot[rank:]):
+            scale = np.abs(mix[:, j] * prior[base] / prior[column])
+            heavy = [i for i in np.argsort(-scale) if scale[i] > 0.05][:6]
+            dependent[names[column]] = {names[base[i]]: float(mix[i, j]) for i in heavy}
+    return Identifiability(tuple(names), ratio, Vt.T, tuple(names[i] for i in base), dependent)
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Observability indices of a pose set (Sun & Hollerbach 2008), of the identified directions; larger is better."""
+
+    O1: float
+    """(∏σ)^(1/n)/√m, the D-optimal one."""
+    O2: float
+    """σ_min/σ_max."""
+    O3: float
+    """σ_min."""
+    O4: float
+    """σ_min²/σ_max."""
+    O5: float
+    """1/Σ(1/σ)."""
+
+
+def observability(ratio: np.ndarray, n_poses: int, rank: int | None = None) -> Indices:
+    """O1–O5 of the first `rank` singular values (all above the threshold when absent)."""
+    s = ratio[: int(np.sum(ratio > THRESHOLD)) if rank is None else rank]
+    if len(s) == 0:
+        return Indices(0.0, 0.0, 0.0, 0.0, 0.0)
+    return Indices(
+        O1=float(np.exp(np.mean(np.log(s))) / np.sqrt(n_poses)),
+        O2=float(s[-1] / s[0]),
+        O3=float(s[-1]),
+        O4=float(s[-1] ** 2 / s[0]),
+        O5=float(1.0 / np.sum(1.0 / s)),
+    )

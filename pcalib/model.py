@@ -1,0 +1,68 @@
+"""A calibrated robot: geometry, effects and measuring frame, and the file that keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from pcalib.effects.base import Effect
+from pcalib.robot import Robot
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """An effect with its parameter values."""
+
+    effect: Effect
+    theta: np.ndarray
+    """(np,) [SI]."""
+    spec: str = ""
+    """How a command line names it: `drive_compliance`, `drive_compliance:arm`, `my.py:WormGear`."""
+    sigma: np.ndarray | None = None
+    """(np,) 1σ from the fit."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where a tracker stands and where its target sits: y = R·(x_C + R_C·(t + offset)) + translation."""
+
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    """(3, 3) base → measuring frame."""
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) [m], base origin in the measuring frame."""
+    offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) [m], plate frame: the target's place beyond the stated tool point."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Robot + geometry + effects + frame: what a fit produces and every command uses."""
+
+    robot: Robot
+    k: np.ndarray
+    """(nk,) geometric parameters of `robot.mechanism`."""
+    level: str = "nominal"
+    effects: tuple[FittedEffect, ...] = ()
+    frame: Frame | None = None
+    """None where data are measured in the base frame."""
+    sigma: np.ndarray | None = None
+    """(nk,) 1σ of k from the fit; NaN where the level does not free a parameter."""
+    history: tuple[Mapping[str, Any], ...] = ()
+    """One entry per step (fit, add, drop), oldest first, each with what is needed to go back to it."""
+
+    @classmethod
+    def nominal(cls, robot: Robot) -> Model:
+        """The robot as drawn."""
+        return cls(robot, robot.mechanism.nominal.copy())
+
+    def with_geometry(self, k: np.ndarray) -> Model:
+        """The same model at other geometric parameters."""
+        return replace(self, k=np.asarray(k, float))
+
+    @property
+    def errors(self) -> np.ndarray:
+        """(nk,) k minus nominal."""
+        return self.k - self.robot.mechanism.nominal

@@ -1,0 +1,213 @@
+"""What a model says a measurement should read, and how that reading depends on every unknown.
+
+The reading of one pose is the TCP position and the plate's rotation in the measuring frame. Effects depend on the
+pose (loads) and move it, so the pose is a fixed point; the loads' own change is of second order and converges fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pcalib import kinematics, rotation, statics
+from pcalib.effects.base import Contribution, Effect, Situation
+from pcalib.kinematics import Closure, Deviation
+from pcalib.mechanism import Mechanism, Pose
+from pcalib.model import Frame, Model
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Under what the robot stands at each of N poses, beside its command."""
+
+    tool: np.ndarray
+    """(N, 3) [m] TCP in the plate frame."""
+    payload: np.ndarray
+    """(N,) [kg]."""
+    columns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """(N,) each, SI, by quantity."""
+
+    @classmethod
+    def of(cls, n: int, tool: np.ndarray | Sequence[float] | float = 0.0) -> Conditions:
+        """N unloaded poses with one tool."""
+        return cls(np.broadcast_to(np.asarray(tool, float), (n, 3)), np.zeros(n))
+
+    def take(self, rows: np.ndarray | slice) -> Conditions:
+        """Some rows."""
+        return Conditions(self.tool[rows], self.payload[rows], {c: v[rows] for c, v in self.columns.items()})
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predicted readings of N poses and the state behind them."""
+
+    position: np.ndarray
+    """(N, 3) [m], measuring frame."""
+    rotation: np.ndarray
+    """(N, 3, 3), measuring frame."""
+    q: np.ndarray
+    """(N, nq) commanded."""
+    pose: Pose
+    """Plate pose in the base frame, before base-channel effects."""
+    tool: np.ndarray
+    """(N, 3) [m] measured point in the plate frame, target offset and tool effects included."""
+    contribution: Contribution
+    status: np.ndarray
+    """(N,) 'ok' or why not."""
+    situation: Situation | None = None
+    """None where the model has no effects."""
+
+    @property
+    def deviation(self) -> Deviation:
+        """What effects add inside the loops."""
+        return self.contribution.deviation
+
+
+FIXED_POINT = 1e-11
+"""[m, rad] plate poses that move less than this between two rounds of loads are settled."""
+
+
+def situation(model: Model, q: np.ndarray, pose: Pose, conditions: Conditions, deviation: Deviation) -> Situation:
+    """What effects see at given poses: rod directions, levers and the loads of pcalib's own statics."""
+    mechanism = model.robot.mechanism
+    at = kinematics.closure(mechanism, model.k, q, pose, deviation=deviation)
+    loads = statics.loads(model.robot, model.k, q, pose, conditions.tool, conditions.payload, at)
+    return Situation(
+        robot=model.robot, q=q, pose=pose, rods=at.n, arms=at.side.dA, tension=loads.tension, torque=loads.torque,
+        tool=conditions.tool, payload=conditions.payload, columns=conditions.columns, k=model.k,
+    )  # fmt: skip
+
+
+def contributions(model: Model, at: Situation) -> Contribution:
+    """The sum of all effects of a model."""
+    total = Contribution()
+    for fitted in model.effects:
+        total = total + fitted.effect.contribution(at, fitted.theta)
+    return total
+
+
+def settle(
+    model: Model, q: np.ndarray, conditions: Conditions, start: Pose | None = None, rounds: int = 8
+) -> tuple[kinematics.Solution, Contribution, Situation | None]:
+    """Plate poses with all effects acting, by alternating kinematics and effects."""
+    mechanism = model.robot.mechanism
+    solution = kinematics.forward(mechanism, model.k, q, start)
+    if not model.effects:
+        return solution, Contribution(), None
+    total, at, previous = Contribution(), None, None
+    for _ in range(rounds):
+        at = situation(model, q, solution.pose, conditions, total.deviation)
+        total = contributions(model, at)
+        solution = kinematics.forward(mechanism, model.k, q, solution.pose, total.deviation)
+        if previous is not None:
+            moved = np.abs(solution.pose.x - previous.x).max(initial=0.0)
+            if not moved > FIXED_POINT:
+                break
+        previous = solution.pose
+    return solution, total, at
+
+
+def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | None = None) -> Prediction:
+    """Readings that the model expects for commands q (N, nq)."""
+    solution, total, at = settle(model, q, conditions, start)
+    frame = model.frame or Frame()
+    tool = conditions.tool + frame.offset
+    if total.tool is not None:
+        tool = tool + total.tool
+    x, R = solution.pose.tcp(tool), solution.pose.R
+    if total.base is not None:
+        turn = rotation.exp(total.base[:, 3:])
+        x = (turn @ x[..., None])[..., 0] + total.base[:, :3]
+        R = turn @ R
+    if model.frame is not None:
+        x = x @ frame.rotation.T + frame.translation
+        R = frame.rotation @ R
+    if total.sensor is not None:
+        x = x + total.sensor
+    return Prediction(x, R, q, solution.pose, tool, total, solution.status, at)
+
+
+def closure_of(model: Model, p: Prediction) -> tuple[Closure, np.ndarray]:
+    """The closure at a prediction, about the measured point, and J_X (N, m, n_state) there."""
+    mechanism = model.robot.mechanism
+    at = kinematics.closure(mechanism, model.k, p.q, p.pose, p.tool, p.deviation)
+    return at, kinematics.jacobian_state(mechanism, at, p.pose)
+
+
+def geometry_columns(model: Model, p: Prediction, at: Closure, JX: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """Derivative of the readings by level coordinates, (N, 6, nz), from S_C·basis (paper eq. 22)."""
+    mechanism = model.robot.mechanism
+    Jk = kinematics.jacobian_parameters(mechanism, model.k, p.q, at, p.pose, p.deviation)
+    if basis.shape[0] != basis.shape[1] or not np.array_equal(basis, np.eye(len(basis))):
+        Jk = Jk @ basis
+    return _measured(model, _twist(mechanism, -np.linalg.solve(JX, Jk)))
+
+
+def effect_columns(model: Model, p: Prediction, at: Closure, JX: np.ndarray, parts: Sequence[Contribution]) -> np.ndarray:
+    """Derivative of the readings by effect parameters, (N, 6, len(parts)), from their unit contributions."""
+    mechanism = model.robot.mechanism
+    N = len(p.q)
+    Jq = kinematics.rod_rate(at)
+    columns = []
+    for part in parts:
+        df = np.zeros(at.f.shape)
+        if part.actuator is not None:
+            df += Jq * part.actuator[:, mechanism.actuator]
+        if part.rod is not None:
+            df -= part.rod
+        if part.elbow is not None:
+            df -= np.sum(at.n * part.elbow, axis=-1)
+        if part.plate is not None:
+            df += np.sum(np.matmul(at.n, p.pose.R) * part.plate, axis=-1)
+        twist = _twist(mechanism, -np.linalg.solve(JX, df[..., None]))[..., 0]
+        if part.tool is not None:
+            twist[:, :3] += (p.pose.R @ part.tool[..., None])[..., 0]
+        if part.base is not None:
+            x = p.pose.tcp(p.tool)
+            twist[:, :3] += part.base[:, :3] + rotation.cross(part.base[:, 3:], x)
+            twist[:, 3:] += part.base[:, 3:]
+        column = _measured(model, twist[..., None])[..., 0]
+        if part.sensor is not None:
+            column[:, :3] += part.sensor
+        columns.append(column)
+    return np.stack(columns, axis=-1) if columns else np.zeros((N, 6, 0))
+
+
+def frame_columns(model: Model, p: Prediction, offset: bool = True) -> np.ndarray:
+    """Derivative of the readings by the frame: translation, rotation about it, target offset, (N, 6, 9 or 6)."""
+    assert model.frame is not None
+    N = len(p.q)
+    J = np.zeros((N, 6, 9 if offset else 6))
+    J[:, :3, :3] = np.eye(3)
+    J[:, :3, 3:6] = -rotation.hat(p.position - model.frame.translation)
+    J[:, 3:, 3:6] = np.eye(3)
+    if offset:
+        J[:, :3, 6:] = p.rotation
+    return J
+
+
+def unit_contributions(effect: Effect, at: Situation, theta: np.ndarray) -> list[Contribution]:
+    """∂(contribution)/∂θ_j as one Contribution per parameter; exact for linear effects."""
+    from pcalib.effects import basis
+
+    return basis(effect, at, theta)
+
+
+def _twist(mechanism: Mechanism, state: np.ndarray) -> np.ndarray:
+    """State increments (N, n_state, …) as twists of the central body (N, 6, …)."""
+    nd = len(mechanism.plate_dofs)
+    if nd == 6 and state.shape[1] == 6:
+        return state
+    twist = np.zeros((state.shape[0], 6, *state.shape[2:]))
+    twist[:, list(mechanism.plate_dofs)] = state[:, :nd]
+    return twist
+
+
+def _measured(model: Model, twist: np.ndarray) -> np.ndarray:
+    """Twists at the measured point (N, 6, n), base frame → measuring frame."""
+    if model.frame is None:
+        return twist
+    R = model.frame.rotation
+    return np.concatenate([R @ twist[:, :3], R @ twist[:, 3:]], axis=1)
