@@ -38,8 +38,10 @@ class BaseSide:
 class Actuation(Protocol):
     """How actuators and base-side parameters place the anchors: rotary arms, carriages, legs."""
 
-    columns: np.ndarray
-    """(m, c) indices into the parameter vector: the base-side parameters of each rod, its length included."""
+    @property
+    def columns(self) -> np.ndarray:
+        """(m, c) indices into the parameter vector: the base-side parameters of each rod, its length included."""
+        ...
 
     def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
         """Anchors for parameters k (nk,) and actuator values q (N, nq)."""

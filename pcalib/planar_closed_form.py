@@ -50,7 +50,7 @@ def plate_angle(k: np.ndarray, q: np.ndarray) -> np.ndarray:
     l_p, gamma_p = np.hypot(k[B1X] + k[B2X], k[B2Y]), np.arctan2(k[B2Y], k[B1X] + k[B2X])
     # (51), where F cos γp − G sin γp = l_p/l2 for F and G of (48)
     numerator = l_b**2 - l_p**2 + k[L1] ** 2 - k[L2] ** 2 + 2 * l_b * k[L1] * np.sin(gamma_b - Q)
-    I = numerator / (2 * l_p * k[L2]) + l_p / k[L2]  # noqa: E741 — the paper's name
+    I = numerator / (2 * l_p * k[L2]) + l_p / k[L2]
     with np.errstate(invalid="ignore"):
         root = np.sqrt(E**2 + E1**2 - I**2)
     return np.arctan2(E1 * I + E * root, E1 * root - E * I) - gamma_p

@@ -66,7 +66,7 @@ class DrivenRod:
         return out
 
     def weight_moment(self, k: np.ndarray, q: np.ndarray, mass: Mapping[str, float], g: np.ndarray) -> np.ndarray:
-        """None: each half of a rod's mass hangs on a joint, as on every kind."""
+        """None: the base joints do not move, and the rods' lower halves hang on the plate."""
         return np.zeros((len(q), 1))
 
 
