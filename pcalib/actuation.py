@@ -84,3 +84,104 @@ class RotaryArms:
         c, s = np.cos(q)[..., None], np.sin(q)[..., None]
         turn = mass.get("arm_com", 0.0) * (c * E[:, :, 2] - s * E[:, :, 1])  # derivative of the centre of mass
         return mass.get("arm", 0.0) * turn @ g
+
+
+@dataclass(frozen=True)
+class Carriages:
+    """Carriages on straight rails: A = p_i + exp(β_i)·(a_r + s_i·q_i·e_i); β_i leans the rail, s_i scales its motor."""
+
+    direction: np.ndarray
+    """(nq, 3) nominal unit directions e_i of the rails, base frame."""
+    actuator: np.ndarray
+    """(m,) carriage of each rod."""
+    p: np.ndarray
+    """(nq, 3) where p_i stands in k."""
+    beta: np.ndarray
+    """(nq, 3) where β_i stands in k."""
+    scale: np.ndarray
+    """(nq,) where s_i stands in k."""
+    a: np.ndarray
+    """(m, 3) where a_r stands in k: carriage frame, parallel to the base frame where β = 0."""
+    length: np.ndarray
+    """(m,) where l_r stands in k."""
+
+    @property
+    def columns(self) -> np.ndarray:
+        i = self.actuator
+        return np.hstack([self.p[i], self.a, self.beta[i], self.scale[i, None], self.length[:, None]])
+
+    def _rails(self, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Every anchor runs on a line, A = O + q·D: exp(β) of each rail (nq, 3, 3), O and D (m, 3)."""
+        E = rotation.exp(k[self.beta])
+        D = (E @ self.direction[..., None])[..., 0] * k[self.scale][:, None]
+        origin = k[self.p][self.actuator] + (E[self.actuator] @ k[self.a][..., None])[..., 0]
+        return E, origin, D[self.actuator]
+
+    def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
+        _, origin, D = self._rails(k)
+        A = origin + q[:, self.actuator, None] * D
+        return BaseSide(A=A, dA=np.broadcast_to(D, A.shape), length=k[self.length])
+
+    def rows(self, k: np.ndarray, q: np.ndarray, side: BaseSide, n: np.ndarray, d: np.ndarray) -> np.ndarray:
+        N, m = n.shape[:2]
+        E, _, _ = self._rails(k)
+        out = np.empty((N, m, 11))
+        out[..., 0:3] = -n
+        in_frame = np.matmul(n[:, :, None, :], E[self.actuator])[:, :, 0]
+        out[..., 3:6] = -in_frame
+        J = rotation.left_jacobian(k[self.beta])[self.actuator]
+        arm = side.A - k[self.p][self.actuator]
+        out[..., 6:9] = -np.matmul(rotation.cross(arm, n)[:, :, None, :], J)[:, :, 0]
+        out[..., 9] = -q[:, self.actuator] * np.sum(in_frame * self.direction[self.actuator], axis=-1)
+        out[..., 10] = -1.0
+        return out
+
+    def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
+        _, origin, D = self._rails(k)
+        d = B - origin
+        along, speed = np.sum(d * D, axis=-1), np.sum(D * D, axis=-1)
+        with np.errstate(invalid="ignore"):
+            # The carriage ahead of the plate on its rail is the working branch.
+            return (along + np.sqrt(along**2 - speed * (np.sum(d * d, axis=-1) - k[self.length] ** 2))) / speed
+
+    def weight_moment(self, k: np.ndarray, q: np.ndarray, mass: Mapping[str, float], g: np.ndarray) -> np.ndarray:
+        D = (rotation.exp(k[self.beta]) @ self.direction[..., None])[..., 0] * k[self.scale][:, None]
+        return np.broadcast_to(mass.get("carriage", 0.0) * (D @ g), q.shape)
+
+
+@dataclass(frozen=True)
+class Legs:
+    """Legs of commanded length from fixed base joints: l_r = l0_r + s_r·travel_r·q_r."""
+
+    travel: np.ndarray
+    """(m,) nominal lengthening per unit of command: 1, or [m/rad] where motors are commanded."""
+    p: np.ndarray
+    """(m, 3) where the base joint p_r stands in k."""
+    length: np.ndarray
+    """(m,) where l0_r, the length at q = 0, stands in k."""
+    scale: np.ndarray
+    """(m,) where s_r stands in k."""
+
+    @property
+    def columns(self) -> np.ndarray:
+        return np.hstack([self.p, self.length[:, None], self.scale[:, None]])
+
+    def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
+        A = np.broadcast_to(k[self.p], (len(q), *self.p.shape))
+        rate = k[self.scale] * self.travel
+        return BaseSide(A, np.zeros(A.shape), k[self.length] + rate * q, np.broadcast_to(rate, q.shape))
+
+    def rows(self, k: np.ndarray, q: np.ndarray, side: BaseSide, n: np.ndarray, d: np.ndarray) -> np.ndarray:
+        out = np.empty((*n.shape[:2], 5))
+        out[..., 0:3] = -n
+        out[..., 3] = -1.0
+        out[..., 4] = -self.travel * q
+        return out
+
+    def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
+        length = np.linalg.norm(B - k[self.p], axis=-1)
+        return (length - k[self.length]) / (k[self.scale] * self.travel)
+
+    def weight_moment(self, k: np.ndarray, q: np.ndarray, mass: Mapping[str, float], g: np.ndarray) -> np.ndarray:
+        """None: half of each leg's mass stands at either end."""
+        return np.zeros(q.shape)

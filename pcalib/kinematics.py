@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcalib import rotation
-from pcalib.mechanism import BaseSide, Mechanism, Pose
+from pcalib.mechanism import BaseSide, Hinge, Mechanism, Pose
 
 CHUNK = 2000
 """Poses per batch: the working set of one batch stays in the processor's cache."""
@@ -54,6 +54,7 @@ class Closure:
     side: BaseSide
     b: np.ndarray
     """(m, 3) or (N, m, 3) [m], plate-side anchors in the plate frame, hinges applied."""
+    hinges: tuple[Hinge, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,23 +93,31 @@ def base_side(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, deviation: Dev
     )
 
 
-def _plate_anchors(mechanism: Mechanism, k: np.ndarray, phi: np.ndarray, deviation: Deviation) -> np.ndarray:
-    """b_r in the plate frame with the hinges turned, (m, 3) or (N, m, 3)."""
+def _plate_side(
+    mechanism: Mechanism, k: np.ndarray, phi: np.ndarray, deviation: Deviation
+) -> tuple[np.ndarray, tuple[Hinge, ...]]:
+    """b_r in the plate frame with the hinges turned, (m, 3) or (N, m, 3), and the hinges."""
     b = mechanism.plate_points(k)
     if deviation.plate is not None:
         b = b + deviation.plate
-    if mechanism.hinges:
-        body = mechanism.body
-        assert body is not None
+    hinges = tuple(hinge.at(k) for hinge in mechanism.hinges)
+    if hinges:
         b = np.broadcast_to(b, (len(phi), *b.shape[-2:])).copy()
-        for h, hinge in enumerate(mechanism.hinges):
-            rods = body == h + 1
+        for h, hinge in enumerate(hinges):
+            rods = mechanism.rods_on(h)
             turn = rotation.about(hinge.axis, phi[:, h])
             b[:, rods] = hinge.point + (b[:, rods] - hinge.point) @ np.swapaxes(turn, -1, -2)
-    return b
+    return b, hinges
 
 
-def _close(side: BaseSide, b: np.ndarray, x: np.ndarray, R: np.ndarray, reference: np.ndarray) -> Closure:
+def _close(
+    side: BaseSide,
+    plate: tuple[np.ndarray, tuple[Hinge, ...]],
+    x: np.ndarray,
+    R: np.ndarray,
+    reference: np.ndarray,
+) -> Closure:
+    b, hinges = plate
     r = np.matmul(b - reference, np.swapaxes(R, -1, -2))
     d = r + (x[:, None] - side.A)
     length = np.sqrt(d[..., 0] ** 2 + d[..., 1] ** 2 + d[..., 2] ** 2)
@@ -118,7 +127,7 @@ def _close(side: BaseSide, b: np.ndarray, x: np.ndarray, R: np.ndarray, referenc
         guided = ~np.isnan(side.guide[..., 0])
         n = np.where(guided[..., None], np.nan_to_num(side.guide), n)
         f = np.where(guided, np.sum(n * d, axis=-1) - side.length, f)
-    return Closure(f, d, n, r, side, b)
+    return Closure(f, d, n, r, side, b, hinges)
 
 
 def closure(
@@ -135,11 +144,11 @@ def closure(
     that J_X refers to.
     """
     side = base_side(mechanism, k, q, deviation)
-    b = _plate_anchors(mechanism, k, pose.phi, deviation)
+    plate = _plate_side(mechanism, k, pose.phi, deviation)
     tool = np.asarray(tool, float)
     reference = tool[:, None, :] if tool.ndim == 2 else tool
     x = pose.x if not tool.any() else pose.tcp(np.broadcast_to(tool, (len(pose), 3)))
-    return _close(side, b, x, pose.R, reference)
+    return _close(side, plate, x, pose.R, reference)
 
 
 def jacobian_state(mechanism: Mechanism, at: Closure, pose: Pose) -> np.ndarray:
@@ -148,10 +157,9 @@ def jacobian_state(mechanism: Mechanism, at: Closure, pose: Pose) -> np.ndarray:
     if len(mechanism.plate_dofs) < 6:
         J = J[..., list(mechanism.plate_dofs)]
     if mechanism.hinges:
-        assert mechanism.body is not None
-        columns = np.zeros((*at.f.shape, len(mechanism.hinges)))
-        for h, hinge in enumerate(mechanism.hinges):
-            rods = mechanism.body == h + 1
+        columns = np.zeros((*at.f.shape, len(at.hinges)))
+        for h, hinge in enumerate(at.hinges):
+            rods = mechanism.rods_on(h)
             swing = rotation.cross(np.broadcast_to(hinge.axis, at.b[:, rods].shape), at.b[:, rods] - hinge.point)
             swing = swing @ np.swapaxes(pose.R, -1, -2)
             columns[:, rods, h] = np.sum(at.n[:, rods] * swing, axis=-1)
@@ -183,16 +191,38 @@ def local_parameters(
         q = q + deviation.actuator
     base = mechanism.actuation.rows(k, q, at.side, at.n, at.d)
     plate = np.matmul(at.n, pose.R)  # Rᵀn
+    columns = [mechanism.actuation.columns, mechanism.plate_columns]
+    hinge_rows = []
     if mechanism.hinges:
-        assert mechanism.body is not None
-        plate = plate.copy()
-        for h, hinge in enumerate(mechanism.hinges):
-            rods = mechanism.body == h + 1
-            plate[:, rods] = plate[:, rods] @ rotation.about(hinge.axis, pose.phi[:, h])
+        plate, rows, where = _hinge_parameters(mechanism, k, at, pose, plate)
+        hinge_rows.append(rows)
+        columns.append(where)
     if mechanism.plate_signs is not None:
         plate = plate * mechanism.plate_signs
-    rows = np.concatenate([base, plate], axis=-1)
-    return rows, np.hstack([mechanism.actuation.columns, mechanism.plate_columns])
+    return np.concatenate([base, plate, *hinge_rows], axis=-1), np.hstack(columns)
+
+
+def _hinge_parameters(
+    mechanism: Mechanism, k: np.ndarray, at: Closure, pose: Pose, n: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rod directions in the hinged bodies' frames, and ∂f/∂(point, tilt) of each rod's hinge, for n = Rᵀn (N, m, 3).
+
+    A hinged anchor stands at h + T·(b − h) with T = exp(τ)·Rot(axis, φ)·exp(−τ).
+    """
+    turned = n.copy()
+    rows = np.zeros((*n.shape[:2], 6))
+    first = mechanism.hinges[0]
+    columns = np.tile(np.concatenate([first.point, first.tilt]), (n.shape[1], 1))
+    for h, (hinge, parameters) in enumerate(zip(at.hinges, mechanism.hinges, strict=True)):
+        rods = mechanism.rods_on(h)
+        T = rotation.about(hinge.axis, pose.phi[:, h])
+        turned[:, rods] = n[:, rods] @ T
+        arm = at.b[:, rods] - hinge.point
+        rows[:, rods, :3] = n[:, rods] - turned[:, rods]
+        swing = rotation.cross(arm, n[:, rods]) - rotation.cross(arm @ T, turned[:, rods])
+        rows[:, rods, 3:] = swing @ rotation.left_jacobian(k[parameters.tilt])
+        columns[rods] = np.concatenate([parameters.point, parameters.tilt])
+    return turned, rows, columns
 
 
 def jacobian_parameters(
@@ -250,10 +280,10 @@ def _solve(J: np.ndarray, f: np.ndarray) -> np.ndarray:
         return step
 
 
-def _status(mechanism: Mechanism, at: Closure, pose: Pose, tilt: np.ndarray, tolerance: float) -> np.ndarray:
+def _status(mechanism: Mechanism, at: Closure, pose: Pose, reference: np.ndarray, tolerance: float) -> np.ndarray:
     residual = np.abs(at.f).max(axis=-1)
     status = np.full(len(residual), "ok", dtype="<U13")
-    turned = np.abs(tilt) > mechanism.max_tilt
+    turned = _turned(mechanism, pose.R, reference) > mechanism.max_tilt
     if mechanism.rod_side:
         plain = at.n if at.side.guide is None else at.n[:, np.isnan(at.side.guide[0, :, 0])]
         turned |= (plain[..., 2] * mechanism.rod_side <= 0).any(axis=-1)
@@ -301,26 +331,30 @@ def forward(
         side = base_side(mechanism, k, q[rows], dev)
         pose = start.take(rows) if start is not None else mechanism.start(k, q[rows])
         reference = pose.R
-        b = _plate_anchors(mechanism, k, pose.phi, dev)
+        plate = _plate_side(mechanism, k, pose.phi, dev)
         origin = np.zeros(3)
-        at = _close(side, b, pose.x, pose.R, origin)
+        at = _close(side, plate, pose.x, pose.R, origin)
         count = 0
         while count < max_iterations and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
             pose = move(mechanism, pose, _limited(_solve(jacobian_state(mechanism, at, pose), at.f)))
             if mechanism.hinges:
-                b = _plate_anchors(mechanism, k, pose.phi, dev)
-            at = _close(side, b, pose.x, pose.R, origin)
+                plate = _plate_side(mechanism, k, pose.phi, dev)
+            at = _close(side, plate, pose.x, pose.R, origin)
             count += 1
         pose = Pose(pose.x, rotation.renormalise(pose.R), pose.phi)
-        tilt = _turned(pose.R, reference)
-        status = _status(mechanism, at, pose, tilt, max(tolerance, 1e-9))
+        status = _status(mechanism, at, pose, reference, max(tolerance, 1e-9))
         return Solution(q[rows], pose, status, count, np.abs(at.f).max(axis=-1))
 
     return _in_chunks(len(q), run)
 
 
-def _turned(R: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Angle between two sets of rotations [rad], (N,)."""
+def _turned(mechanism: Mechanism, R: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """How far the plate has turned from `reference` in directions that no command asks for [rad], (N,)."""
+    commanded = {3, 4, 5} & set(mechanism.task)
+    if {3, 4} <= commanded:
+        return np.zeros(len(R))
+    if commanded:
+        return np.arccos(np.clip(np.sum(R[..., 2] * reference[..., 2], axis=-1), -1, 1))
     trace = np.sum(R * reference, axis=(-2, -1))
     return np.arccos(np.clip(0.5 * (trace - 1), -1, 1))
 
@@ -367,15 +401,15 @@ def inverse(
         if start is not None:
             q, R, phi = start.q[rows], start.pose.R[rows], start.pose.phi[rows]
         else:
-            R, phi = R0, np.zeros((n, len(mechanism.hinges)))
+            R, phi = R0, _level(mechanism, k, R0)
             q = initial_actuators(mechanism, k, Pose(target - (R @ t[..., None])[..., 0], R, phi))
         p = target
         if loose:  # a translation that the task leaves free carries the TCP with it
             p = target.copy()
             near = start.pose.take(rows) if start is not None else mechanism.start(k, q)
             p[:, loose] = near.tcp(t)[:, loose]
-        b = _plate_anchors(mechanism, k, phi, dev)
-        at = _close(base_side(mechanism, k, q, dev), b, p, R, reference)
+        plate = _plate_side(mechanism, k, phi, dev)
+        at = _close(base_side(mechanism, k, q, dev), plate, p, R, reference)
         count = 0
         while count < max_iterations and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
             now = Pose(p, R, phi)
@@ -391,20 +425,30 @@ def inverse(
             if keep_yaw:
                 R = _with_yaw_of(R, R0)
             if mechanism.hinges:
-                b = _plate_anchors(mechanism, k, phi, dev)
-            at = _close(base_side(mechanism, k, q, dev), b, p, R, reference)
+                plate = _plate_side(mechanism, k, phi, dev)
+            at = _close(base_side(mechanism, k, q, dev), plate, p, R, reference)
             count += 1
         R = rotation.renormalise(R)
         pose = Pose(p - (R @ t[..., None])[..., 0], R, phi)
-        status = _status(mechanism, at, pose, _turned(R, R0), max(tolerance, 1e-9))
+        status = _status(mechanism, at, pose, R0, max(tolerance, 1e-9))
         return Solution(q, pose, status, count, np.abs(at.f).max(axis=-1))
 
     return _in_chunks(N, run)
 
 
+def _level(mechanism: Mechanism, k: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Hinge angles (N, h) that bring hinged bodies nearest to their orientation at R = I, as parallel rods hold them."""
+    if not mechanism.hinges:
+        return np.zeros((len(R), 0))
+    turn = rotation.to_quaternion(R)
+    return np.stack(
+        [-2 * np.arctan2(turn[:, 1:] @ hinge.at(k).axis, turn[:, 0]) for hinge in mechanism.hinges], axis=-1
+    )
+
+
 def initial_actuators(mechanism: Mechanism, k: np.ndarray, pose: Pose) -> np.ndarray:
     """IPR_S: closed-form actuator values for given plate poses, the mean over each actuator's rods, (N, nq)."""
-    b = _plate_anchors(mechanism, k, pose.phi, RIGID)
+    b, _ = _plate_side(mechanism, k, pose.phi, RIGID)
     B = pose.x[:, None] + np.matmul(b, np.swapaxes(pose.R, -1, -2))
     each = mechanism.actuation.reach(k, B)
     if mechanism.actuator_dimension == "angle":

@@ -12,9 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+
+from pcalib import rotation
 
 
 @dataclass(frozen=True)
@@ -62,12 +65,28 @@ class Actuation(Protocol):
 
 @dataclass(frozen=True)
 class Hinge:
-    """A revolute joint that carries a further plate body on the central one."""
+    """A revolute joint that carries a further plate body on the central one, where its parameters put it."""
 
     point: np.ndarray
     """(3,) [m], plate frame."""
     axis: np.ndarray
     """(3,) unit vector, plate frame."""
+
+
+@dataclass(frozen=True)
+class HingeColumns:
+    """The parameters of a hinge: its axis runs through point h along exp(τ)·(nominal axis)."""
+
+    point: np.ndarray
+    """(3,) where h stands in k."""
+    tilt: np.ndarray
+    """(3,) where the rotation vector τ stands in k."""
+    axis: np.ndarray
+    """(3,) nominal unit vector, plate frame."""
+
+    def at(self, k: np.ndarray) -> Hinge:
+        """The hinge for parameters k."""
+        return Hinge(k[self.point], rotation.exp(k[self.tilt]) @ self.axis)
 
 
 @dataclass(frozen=True)
@@ -79,6 +98,13 @@ class Level:
     basis: np.ndarray
     """(nk, nz)."""
     units: tuple[str, ...]
+    perfect: bool = False
+    """Parallelograms stay perfect: the plate cannot tilt, so measured rotations are left out of the fit."""
+
+    @cached_property
+    def raw(self) -> bool:
+        """Whether the columns are the raw parameters themselves."""
+        return self.basis.shape[0] == self.basis.shape[1] and np.array_equal(self.basis, np.eye(len(self.basis)))
 
 
 @dataclass(frozen=True)
@@ -101,7 +127,7 @@ class Pose:
         return Pose(self.x[rows], self.R[rows], self.phi[rows])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mechanism:
     """One robot's topology, its named geometric parameters with nominal values, and its start values."""
 
@@ -130,7 +156,7 @@ class Mechanism:
     """Which of (x y z rx ry rz) a command prescribes; as many as there are actuators."""
     plate_dofs: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
     """Which components of the plate's twist exist (a planar mechanism has 0 1 5)."""
-    hinges: tuple[Hinge, ...] = ()
+    hinges: tuple[HingeColumns, ...] = ()
     body: np.ndarray | None = None
     """(m,) plate body of each rod: 0 the central one, h the one on hinge h; None where there is but one."""
     rod_side: int = -1
@@ -155,6 +181,11 @@ class Mechanism:
         for name, value in values.items():
             k[self.index(name)] = value
         return k
+
+    def rods_on(self, h: int) -> np.ndarray:
+        """Which rods (m,) hang on the body of hinge h."""
+        assert self.body is not None
+        return self.body == h + 1
 
     def plate_points(self, k: np.ndarray) -> np.ndarray:
         """b_r of every rod, (m, 3) [m], plate frame at zero hinge angles."""

@@ -23,11 +23,15 @@ STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 
 @dataclass(frozen=True)
 class Workspace:
-    """Working cylinder about the base's z axis [m]."""
+    """Working cylinder about the base's z axis [m], and how far the plate may turn in it."""
 
     radius: float
     z_min: float
     z_max: float
+    tilt: float = 0.0
+    """[rad] largest angle of the plate's z axis from that of the base, where a robot commands it."""
+    yaw: float = 0.0
+    """[rad] largest turn about the base's z axis either way, where a robot commands it."""
 
     def contains(self, position: np.ndarray, slack: float = 1e-9) -> np.ndarray:
         """Which positions (N, 3) lie inside."""
@@ -36,7 +40,7 @@ class Workspace:
         return (r <= self.radius + slack) & (z >= self.z_min - slack) & (z <= self.z_max + slack)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
     """The content of a robot file, in SI units."""
 
@@ -104,11 +108,13 @@ def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
         if not isinstance(table.get(key), str):
             raise InputError(f"'{key}' is missing or not text", column=key, remedy=f'write {key} = "delta"')
     kind = kinds.get(table["kind"])
-    dimensions = _section(table, "geometry", dict(kind.dimensions))
-    joints = _section(table, "joints", {"min": kind.joint_dimension, "max": kind.joint_dimension})
+    dimensions = _section(table, "geometry", dict(kind.dimensions), kind.optional)
+    joint = kind.build(dimensions).actuator_dimension
+    joints = _section(table, "joints", {"min": joint, "max": joint})
     if not joints["min"] < joints["max"]:
         raise InputError("[joints] min must be below max", column="min")
-    workspace = _section(table, "workspace", {"radius": "length", "z_min": "length", "z_max": "length"})
+    cylinder = {"radius": "length", "z_min": "length", "z_max": "length", "tilt": "angle", "yaw": "angle"}
+    workspace = _section(table, "workspace", cylinder, frozenset({"tilt", "yaw"}))
     if not (workspace["z_min"] < workspace["z_max"] and workspace["radius"] > 0):
         raise InputError("[workspace] needs z_min below z_max and a positive radius", column="radius")
     mass = _section(table, "mass", dict(kind.masses)) if "mass" in table else {}
@@ -134,7 +140,9 @@ def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
     return robot
 
 
-def _section(table: Mapping[str, Any], name: str, schema: dict[str, str]) -> dict[str, Any]:
+def _section(
+    table: Mapping[str, Any], name: str, schema: dict[str, str], optional: frozenset[str] = frozenset()
+) -> dict[str, Any]:
     """One [section] in SI: every key of the schema once, nothing else; 'quantity[]' is a list of numbers."""
     if not isinstance(table.get(name), dict):
         raise InputError(f"section [{name}] is missing", remedy=f"keys: {', '.join(q.strip('[]') for q in schema)}")
@@ -150,6 +158,8 @@ def _section(table: Mapping[str, Any], name: str, schema: dict[str, str]) -> dic
     out: dict[str, Any] = {}
     for quantity, dimension in wanted.items():
         if quantity not in found:
+            if quantity in optional:
+                continue
             spelling = units.spellings(quantity, dimension) if dimension != "none" else quantity
             raise InputError(f"[{name}] '{quantity}' is missing", remedy=f"write one of {spelling}")
         key, factor = found[quantity]

@@ -101,11 +101,10 @@ def _weight(
     w = w[:, list(mechanism.plate_dofs)]
     if mechanism.hinges:
         # A hinged body carries the half rods at its anchors; plate mass and payload are the central body's.
-        assert mechanism.body is not None
         down = pose.R.swapaxes(-1, -2) @ half
         columns = []
-        for h, hinge in enumerate(mechanism.hinges):
-            rods = mechanism.body == h + 1
+        for h, hinge in enumerate(at.hinges):
+            rods = mechanism.rods_on(h)
             arm = (at.b[:, rods] - hinge.point).sum(axis=1)
             columns.append(np.sum(rotation.cross(np.broadcast_to(hinge.axis, arm.shape), arm) * down, axis=-1))
         w = np.hstack([w, np.stack(columns, axis=-1)])

@@ -74,6 +74,8 @@ UNITS: dict[str, Unit] = {
         ("rad_s", "angular_velocity", 1.0),
         ("urad_h", "angular_velocity", 1e-6 / 3600),
         ("per_rev", "count", 1.0),
+        ("mm_rev", "travel", 1e-3 / (2 * math.pi)),
+        ("m_rad", "travel", 1.0),
     ]
 }
 _BY_LENGTH = sorted(UNITS, key=len, reverse=True)
@@ -126,6 +128,30 @@ def resolve(names: list[str], wanted: dict[str, str], *, where: str = "key") -> 
             )
         found[bare] = (name, 1.0 if unit is None or bare == name else unit.factor)
     return found
+
+
+def factor(suffix: str) -> float:
+    """From a unit to SI; '1' is a pure number.
+
+    Raises:
+        InputError: no such unit.
+    """
+    if suffix == "1":
+        return 1.0
+    if suffix not in UNITS:
+        raise InputError(f"unknown unit '{suffix}'", remedy=f"accepted: 1, {', '.join(UNITS)}")
+    return UNITS[suffix].factor
+
+
+_SPOKEN = {"um": "µm", "degC": "°C", "deg": "°", "m_s2": "m/s²", "1": "", "1_K": "1/K", "per_rev": "per turn"}
+
+
+def spoken(suffix: str) -> str:
+    """A unit as people write it: ``um_N`` → µm/N, ``kNm_rad`` → kN·m/rad."""
+    if suffix in _SPOKEN:
+        return _SPOKEN[suffix]
+    parts = [re.sub(r"^u(?=m|rad)", "µ", part).replace("Nm", "N·m") for part in suffix.split("_")]
+    return "/".join(parts)
 
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"

@@ -35,8 +35,8 @@ def some_poses(robot, n, seed=0):
 
 def anchors_on_plate(mechanism, k, pose):
     b = np.broadcast_to(mechanism.plate_points(k), (len(pose), len(mechanism.rods), 3)).copy()
-    for h, hinge in enumerate(mechanism.hinges):
-        rods = mechanism.body == h + 1
+    for h, columns in enumerate(mechanism.hinges):
+        hinge, rods = columns.at(k), mechanism.body == h + 1
         R = rotation.exp(pose.phi[:, h, None] * hinge.axis)
         b[:, rods] = hinge.point + (b[:, rods] - hinge.point) @ np.swapaxes(R, -1, -2)
     return pose.x[:, None] + b @ np.swapaxes(pose.R, -1, -2)

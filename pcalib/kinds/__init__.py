@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from pcalib.errors import InputError, unknown
 from pcalib.mechanism import Mechanism
 
@@ -21,13 +23,15 @@ class Kind:
 
     name: str
     dimensions: Mapping[str, str]
-    """[geometry] quantity → dimension ('length', 'angle', 'none'); a list quantity ends with '[]'."""
+    """[geometry] quantity → dimension ('length', 'angle', 'travel', 'none'); a list quantity ends with '[]'."""
     build: Callable[[Mapping[str, Any]], Mechanism]
     """Mechanism of the [geometry] table in SI (lists as arrays)."""
     joint_dimension: str = "angle"
     masses: Mapping[str, str] = field(
         default_factory=lambda: {"arm": "mass", "arm_com": "length", "rod": "mass", "plate": "mass"}
     )
+    optional: frozenset[str] = frozenset()
+    """[geometry] quantities that a file may leave out."""
 
 
 def names() -> list[str]:
@@ -44,3 +48,15 @@ def get(name: str) -> Kind:
     if name not in names():
         raise InputError(unknown("robot kind", name, names()))
     return importlib.import_module(f"{__name__}.{name}").KIND
+
+
+def table(dimensions: Mapping[str, Any], quantity: str, count: int) -> np.ndarray:
+    """A list of the [geometry] table, of the right length.
+
+    Raises:
+        InputError: it has another length.
+    """
+    values = np.asarray(dimensions[quantity], float)
+    if values.shape != (count,):
+        raise InputError(f"[geometry] '{quantity}' needs {count} numbers, not {values.size}", column=quantity)
+    return values
