@@ -1,0 +1,91 @@
+"""Closing the loops: Newton on MuJoCo's own constraint residual.
+
+MuJoCo keeps equality constraints soft, so letting a robot swing to rest leaves micrometres of loop error. Its residual
+and constraint Jacobian are exact, though: with the driven joints held, `efc_pos(qpos) = 0` is solved for all others to
+rounding. Nothing here knows what robot it is, nor any formula of parallel robots.
+
+Compliant robots have more free joints than constraints; their rest position is found in `bench.equilibrium`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.linalg.lapack import dgesv
+
+TOLERANCE = 1e-12
+"""[m] loop error of a closed pose."""
+LARGEST_STEP = 2.0
+"""[m, rad] norm to which Newton steps are shortened, so that far starts creep instead of jumping branch."""
+
+
+@dataclass(frozen=True)
+class Closed:
+    """How a Newton run ended; the pose itself stands in the MjData."""
+
+    residual: float
+    """[m] norm of the loop errors, no smaller than the largest of them; NaN where the iteration left the numbers."""
+    iterations: int
+    orientation: float
+    """Sign of det J of the free joints: it changes across singular poses and so marks the assembly mode."""
+
+
+class Loops:
+    """The constraint equations of one model in one MjData, split into driven and free joints.
+
+    Args:
+        model: compiled model whose only constraints are equalities.
+        driven: names of the joints that are held (hinges and slides).
+    """
+
+    def __init__(self, model: mujoco.MjModel, driven: Sequence[str]):
+        self.model = model
+        self.data = mujoco.MjData(model)
+        joints = [model.joint(name).id for name in driven]
+        self.driven_qpos = model.jnt_qposadr[joints]
+        self.driven_dof = model.jnt_dofadr[joints]
+        self.free = np.setdiff1d(np.arange(model.nv), self.driven_dof)
+        self._step = np.zeros(model.nv)
+
+    def evaluate(self) -> tuple[np.ndarray, np.ndarray]:
+        """Residual (nefc,) [m] and Jacobian (nefc, nv) at `data.qpos`; views that the next call overwrites."""
+        model, data = self.model, self.data
+        mujoco.mj_fwdKinematics(model, data)
+        mujoco.mj_makeConstraint(model, data)
+        return data.efc_pos, data.efc_J.reshape(-1, model.nv)
+
+    def move(self, step: np.ndarray) -> None:
+        """Add a step of the free joints (n_free,) to `data.qpos`, shortened to LARGEST_STEP in norm."""
+        size = step.dot(step)
+        self._step[self.free] = step if size <= LARGEST_STEP**2 else step * (LARGEST_STEP / math.sqrt(size))
+        mujoco.mj_integratePos(self.model, self.data.qpos, self._step, 1.0)
+
+    def close(self, tolerance: float = TOLERANCE, max_iterations: int = 30) -> Closed:
+        """Newton from `data.qpos` until the loops are open by no more than `tolerance` [m] in norm.
+
+        On return kinematics and constraints of `data` belong to the final pose.
+        """
+        lu = pivots = None
+        for iteration in range(max_iterations + 1):
+            f, J = self.evaluate()
+            residual = math.sqrt(f.dot(f))
+            if residual <= tolerance:
+                return Closed(residual, iteration, _sign_of_determinant(lu, pivots))
+            if not math.isfinite(residual) or iteration == max_iterations:
+                break
+            lu, pivots, step, info = dgesv(J.take(self.free, axis=1), -f)
+            if info != 0:
+                break
+            self.move(step)
+        return Closed(residual, iteration, 0.0)
+
+
+def _sign_of_determinant(lu: np.ndarray | None, pivots: np.ndarray | None) -> float:
+    if lu is None or pivots is None:
+        return 0.0
+    odd = (np.count_nonzero(pivots != np.arange(len(pivots))) + np.count_nonzero(np.diagonal(lu) < 0)) % 2
+    return -1.0 if odd else 1.0
