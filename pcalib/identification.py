@@ -7,7 +7,8 @@ Unknowns z are level coordinates, effect parameters and the frame. The cost is
 with W from the instrument's σ, manufacturing priors σ_j (MAP) and optional robust weights w_r; it is minimised by
 Levenberg–Marquardt on scaled unknowns, each step by QR. Methods:
 
-* ``map``: all parameters of the level with priors. The default; never ill-posed.
+* ``map``: all parameters of the level with priors; never ill-posed. The default. Where the robot is less accurate
+  than the tolerances say, their common scale is estimated from the data (evidence maximisation, MacKay 1992).
 * ``base``: the identifiable base only (pivoted QR), no priors: the classical Gauss–Newton calibration.
 * ``linear``: one least-squares step at nominal on the base (paper eqs 23–26); pairs with first-order compensation.
 """
@@ -15,57 +16,26 @@ Levenberg–Marquardt on scaled unknowns, each step by QR. Methods:
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import lapack
 
-from pcalib import kinematics, prediction, rotation
+from pcalib import least_squares, prediction, rotation
 from pcalib.errors import FitError, InputError, unknown
-from pcalib.identifiability import PRIOR, Identifiability, analyse, project_out
+from pcalib.identifiability import THRESHOLD, Identifiability, analyse, project_out
 from pcalib.measurement import Measurements
-from pcalib.mechanism import Level
 from pcalib.model import FittedEffect, Frame, Model
 from pcalib.prediction import Conditions, Prediction
 from pcalib.robot import Robot
+from pcalib.unknowns import Unknowns, apply, current, unknowns_of
 
 METHODS = ("map", "base", "linear")
 LOSSES = ("linear", "huber", "cauchy")
-EFFECT_PRIOR_WIDTH = 3.0
-"""Effects are held by 3× what is usual: loose enough not to shrink what data can see."""
-_FRAME_SCALE = 1e-3
+ROBUST_AT = 2.5
+"""Rows further off than this many σ (per component) weigh less under a robust loss."""
 _TOLERANCE = 1e-5
-_ROBUST_AT = 2.5
-
-
-@dataclass(frozen=True)
-class Unknowns:
-    """What a fit solves for, in order: level coordinates, effect parameters, frame."""
-
-    level: Level
-    keep: np.ndarray
-    """(nz,) bool: level columns that are free."""
-    prior: np.ndarray
-    """(n,) 1σ of every unknown; inf where there is none."""
-    scale: np.ndarray
-    """(n,) natural size of every unknown, finite."""
-    lower: np.ndarray
-    upper: np.ndarray
-    """(n,) bounds on the change from nominal (from zero for effects)."""
-    names: tuple[str, ...]
-    n_geometry: int
-    n_effects: int
-    n_frame: int
-
-    @property
-    def basis(self) -> np.ndarray:
-        """(nk, n_geometry) free directions of the level."""
-        return self.level.basis[:, self.keep]
-
-    @property
-    def bounded(self) -> bool:
-        """Whether any unknown has a bound."""
-        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+"""A fit has converged when what is left to go is below this share of every unknown's natural size."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +72,7 @@ class Accuracy:
     rms_rot: float
     """[rad]; NaN without rotations."""
     chi2_dof: float
+    """Of the readings that the level can explain."""
     n_rows: int
 
 
@@ -119,20 +90,22 @@ class Fit:
     iterations: int
     unknowns: Unknowns
     estimate: np.ndarray
-    """(n,) values of the unknowns: change from nominal, effect values, frame increments from the start frame."""
+    """(n,) values of the unknowns: change from nominal, effect values, target offset."""
     covariance: np.ndarray
     """(n, n) posterior covariance."""
     error: np.ndarray
-    """(N, 6) measured − predicted [m, rad], NaN where not measured, all rows."""
+    """(N, 6) measured − predicted [m, rad], NaN where not measured, all rows, check rows included."""
     weight: np.ndarray
-    """(N,) robust weights, 1 with linear loss and on check rows."""
+    """(N,) robust weights; 1 with linear loss and on check rows."""
     fit: Accuracy
     check: Accuracy | None
     identifiability: Identifiability
     expected: int
-    """Directions that rich data of this kind could identify at this level."""
-    warnings: tuple[str, ...] = ()
-    lines: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    """Directions that well-spread poses with the same kind of readings would identify at this level."""
+    prior_scale: float
+    """By how much the manufacturing priors were widened, as the data asked."""
+    warnings: tuple[str, ...]
+    lines: np.ndarray
     """(N,) source lines of the rows."""
 
     @property
@@ -151,71 +124,10 @@ class Fit:
         """Directions with prior σ / posterior σ above the threshold."""
         return self.identifiability.n_identified
 
-    def suspects(self, limit: float = 5.0) -> np.ndarray:
-        """Rows (indices) further from the model than `limit` σ in some component."""
-        return np.flatnonzero(self.weight < 1) if (self.weight < 1).any() else self._far(limit)
-
-    def _far(self, limit: float) -> np.ndarray:
-        ratio = np.sqrt(np.nanmean(self.error[:, :3] ** 2, axis=1))
-        typical = np.nanmedian(ratio)
-        return np.flatnonzero(ratio > limit * typical) if typical > 0 else np.zeros(0, int)
-
 
 def conditions_of(data: Measurements) -> Conditions:
     """Tools, payloads and further columns of a data set."""
     return Conditions(data.tool, data.payload, data.columns)
-
-
-def unknowns_of(
-    model: Model,
-    level: str,
-    effects: Sequence[FittedEffect] = (),
-    frame: bool = False,
-    fixed: Iterable[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    prior: Mapping[str, float] | None = None,
-    free_prior: bool = False,
-) -> Unknowns:
-    """The unknowns of a fit.
-
-    Args:
-        fixed: names of level columns held at nominal.
-        bounds: name → (low, high) of the change from nominal [SI].
-        prior: 1σ by unit ('m', 'rad', '1') or by parameter name; manufacturing tolerances elsewhere.
-        free_prior: no priors at all.
-    """
-    levels = model.robot.mechanism.levels
-    if level not in levels:
-        raise InputError(unknown("level", level, levels))
-    chosen = levels[level]
-    prior, bounds, fixed = dict(prior or {}), dict(bounds or {}), set(fixed)
-    for name in [*fixed, *bounds, *(p for p in prior if p not in PRIOR)]:
-        if name not in chosen.columns:
-            raise InputError(unknown(f"parameter of level {level}", name, chosen.columns))
-    keep = np.array([c not in fixed for c in chosen.columns], bool)
-    names = [c for c in chosen.columns if c not in fixed]
-    sizes = [
-        prior.get(c, prior.get(u, PRIOR[u])) for c, u, k in zip(chosen.columns, chosen.units, keep, strict=True) if k
-    ]
-    n_geometry = len(names)
-    for fitted in effects:
-        for p in fitted.effect.parameters:
-            names.append(f"{fitted.effect.name}.{p.name}")
-            sizes.append(EFFECT_PRIOR_WIDTH * p.prior)
-    n_effects = len(names) - n_geometry
-    n_frame = 9 if frame else 0
-    names += [f"frame.{c}" for c in ("x", "y", "z", "rx", "ry", "rz")][:n_frame]
-    names += [f"target.{c}" for c in "xyz"] if frame else []
-    scale = np.array(sizes + [_FRAME_SCALE] * n_frame)
-    free = np.concatenate([np.array(sizes), np.full(6 if frame else 0, np.inf), np.full(3 if frame else 0, np.inf)])
-    if frame:
-        free[-3:] = 1e-2  # the target's place is stated to a centimetre at worst; the rest of it is a gauge
-    if free_prior:
-        free[:] = np.inf
-    lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for name, (low, high) in bounds.items():
-        lower[names.index(name)], upper[names.index(name)] = low, high
-    return Unknowns(chosen, keep, free, scale, lower, upper, tuple(names), n_geometry, n_effects, n_frame)
 
 
 def residuals(model: Model, data: Measurements, start: Prediction | None = None) -> tuple[np.ndarray, Prediction]:
@@ -225,8 +137,7 @@ def residuals(model: Model, data: Measurements, start: Prediction | None = None)
     error[:, :3] = data.position - p.position
     turned = data.mask[:, 3]
     if turned.any():
-        delta = data.rotation[turned] @ np.swapaxes(p.rotation[turned], -1, -2)
-        error[turned, 3:] = rotation.log(delta)
+        error[turned, 3:] = rotation.log(data.rotation[turned] @ np.swapaxes(p.rotation[turned], -1, -2))
     error[~data.mask] = np.nan
     return error, p
 
@@ -237,39 +148,19 @@ def linearise(
     """Whitened residuals and Jacobians of a model on data, for a fit, a diagnosis or a plan."""
     error, p = at if at is not None else residuals(model, data)
     closed, JX = prediction.closure_of(model, p)
-    blocks = [prediction.geometry_columns(model, p, closed, JX, unknowns.basis)]
+    basis = None if unknowns.level.raw and unknowns.keep.all() else unknowns.basis
+    blocks = [prediction.geometry_columns(model, p, closed, JX, basis)]
     parts = []
     if unknowns.n_effects:
         assert p.situation is not None
         for fitted in model.effects:
             parts += prediction.unit_contributions(fitted.effect, p.situation, fitted.theta)
     blocks.append(prediction.effect_columns(model, p, closed, JX, parts))
-    if unknowns.n_frame:
-        blocks.append(prediction.frame_columns(model, p))
+    blocks.append(prediction.frame_columns(model, p) if unknowns.n_frame else np.zeros((len(error), 6, 0)))
     row, component = np.nonzero(data.mask)
     sigma = data.sigma[row, component]
-    whole = [block[row, component] / sigma[:, None] for block in blocks]
-    frame = whole[2] if unknowns.n_frame else np.zeros((len(row), 0))
-    return Linearisation(error[row, component] / sigma, whole[0], whole[1], frame, row, component, p)
-
-
-def apply(model: Model, unknowns: Unknowns, step: np.ndarray) -> Model:
-    """The model after a step (n,) of the unknowns."""
-    g, e = unknowns.n_geometry, unknowns.n_effects
-    k = model.k + unknowns.basis @ step[:g] if g else model.k
-    effects, i = [], g
-    for fitted in model.effects:
-        n = len(fitted.theta) if e else 0
-        effects.append(replace(fitted, theta=fitted.theta + step[i : i + n]) if e else fitted)
-        i += n
-    frame = model.frame
-    if unknowns.n_frame:
-        assert frame is not None
-        f = step[g + e :]
-        frame = Frame(
-            rotation.renormalise(rotation.exp(f[3:6]) @ frame.rotation), frame.translation + f[:3], frame.offset + f[6:9]
-        )
-    return replace(model, k=k, effects=tuple(effects), frame=frame)
+    geometry, effects, frame = (block[row, component] / sigma[:, None] for block in blocks)
+    return Linearisation(error[row, component] / sigma, geometry, effects, frame, row, component, p)
 
 
 def register(model: Model, data: Measurements) -> Frame:
@@ -288,47 +179,6 @@ def register(model: Model, data: Measurements) -> Frame:
     return Frame(R, b.mean(0) - R @ a.mean(0))
 
 
-def least_squares(
-    J: np.ndarray, y: np.ndarray, pull: np.ndarray, prior: np.ndarray, damping: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Minimise |y − J·s|² + Σ((pull − s)/prior)² (+ |damping·s|²) by QR; returns the step and the factor R.
-
-    R satisfies RᵀR = JᵀJ + diag(1/prior²) (+ damping²): the information matrix, never formed.
-    """
-    n = J.shape[1]
-    held = np.flatnonzero(np.isfinite(prior))
-    extra = len(held) + (n if damping is not None else 0)
-    A = np.zeros((len(J) + extra, n + 1), order="F")
-    A[: len(J), :n], A[: len(J), n] = J, y
-    A[len(J) + np.arange(len(held)), held] = 1 / prior[held]
-    A[len(J) : len(J) + len(held), n] = pull[held] / prior[held]
-    if damping is not None:
-        A[len(J) + len(held) + np.arange(n), np.arange(n)] = damping
-    QR = lapack.dgeqrf(A, overwrite_a=True)[0]
-    R = QR[:n, :n]
-    step, info = lapack.dtrtrs(R, QR[:n, n])
-    if info:
-        step = np.full(n, np.nan)
-    return step, np.triu(R)
-
-
-def _bounded_step(R: np.ndarray, step: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The least-squares step within bounds, from the triangular factor."""
-    from scipy.optimize import lsq_linear
-
-    return lsq_linear(R, R @ step, bounds=(np.minimum(low, -1e-300), np.maximum(high, 1e-300)), method="bvls").x
-
-
-def _robust(error: np.ndarray, data: Measurements, loss: str) -> np.ndarray:
-    """Weight of each row from its residual length per component, in σ."""
-    if loss == "linear":
-        return np.ones(len(error))
-    z = np.sqrt(np.nanmean((error / data.sigma) ** 2, axis=1))
-    scale = max(1.0, float(np.nanmedian(z)) / 0.9)  # a misfit common to all rows is no outlier
-    z = z / (scale * _ROBUST_AT)
-    return np.where(z <= 1, 1.0, 1 / np.maximum(z, 1)) if loss == "huber" else 1 / (1 + z * z)
-
-
 def fit(
     data: Measurements,
     robot: Robot | Model,
@@ -340,6 +190,7 @@ def fit(
     fixed: Iterable[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     prior: Mapping[str, float] | None = None,
+    prior_scale: float | None = None,
     weighted: bool = True,
     max_iterations: int = 30,
 ) -> Fit:
@@ -352,7 +203,8 @@ def fit(
         effects: effects to identify together with the geometry, at their start values.
         method: 'map', 'base' or 'linear', see the module.
         loss: 'linear', or 'huber' / 'cauchy', which weigh rows far off down and report them.
-        fixed, bounds, prior: see :func:`unknowns_of`.
+        fixed, bounds, prior: see :func:`pcalib.unknowns.unknowns_of`.
+        prior_scale: common factor on the manufacturing priors; estimated (≥ 1) where absent.
         weighted: divide by the instrument's σ; False leaves m and rad as they are, as the paper's text does.
 
     Raises:
@@ -365,64 +217,40 @@ def fit(
     model = replace(model, level=level, effects=tuple(effects) or model.effects)
     if not weighted:
         data = replace(data, sigma=np.ones_like(data.sigma))
-    used = data.take(~data.check)
+    tracker = data.frame == "tracker"
+    unknowns = unknowns_of(model, level, model.effects, tracker, fixed, bounds, prior, flat=method != "map")
+    used = _explained(data.take(~data.check), unknowns)
     if len(used.q) == 0:
         raise InputError("no rows to fit: all are set = check", file=data.source)
-    tracker = data.frame == "tracker"
-    if tracker and model.frame is None:
-        model = replace(model, frame=register(model, used))
-    if not tracker:
-        model = replace(model, frame=None)
-    anchor = model.robot.mechanism.nominal
-    unknowns = unknowns_of(model, level, model.effects, tracker, fixed, bounds, prior, free_prior=method != "map")
-    error, p = residuals(model, used)
-    _require_reach(p, used)
-    expected = _expected(model, used, unknowns)
-    n_scalars = int(used.mask.sum())
-    if n_scalars < expected + unknowns.n_frame:
-        each = n_scalars / len(used.q)
-        raise InputError(
-            f"too few poses: {len(used.q)} poses give {n_scalars} readings, level {level} needs "
-            f"{expected + unknowns.n_frame}",
-            file=data.source,
-            remedy=f"measure at least {int(np.ceil((expected + unknowns.n_frame) / max(each, 1)))} poses "
-            "(three times as many is usual), or fit a simpler level",
-        )
+    model = replace(model, frame=(model.frame or register(model, used)) if tracker else None)
+    if unknowns.level.raw is False:
+        inside = unknowns.basis @ unknowns.coordinates(model.errors)
+        model = model.with_geometry(model.robot.mechanism.nominal + inside)
+    at = residuals(model, used)
+    _require_reach(at[1], used)
+    expected = _require_enough(model, used, unknowns)
     chosen = np.arange(len(unknowns.names))
     if method != "map":
-        chosen = _base(linearise(Model.nominal(model.robot) if not tracker and not model.effects else model, used, unknowns), unknowns)
-    state = _minimise(model, used, unknowns, chosen, (error, p), anchor, loss, 1 if method == "linear" else max_iterations)
-    return _conclude(state, data, used, unknowns, chosen, method, loss, expected, anchor)
+        reference = linearise(replace(Model.nominal(model.robot), effects=model.effects, frame=model.frame), used, unknowns)
+        chosen = _base(reference, unknowns)
+    scale = 1.0 if method != "map" else prior_scale
+    state = _minimise(model, used, unknowns, chosen, at, loss, scale, 1 if method == "linear" else max_iterations)
+    return _conclude(state, data, used, unknowns, chosen, method, expected)
 
 
 @dataclass(frozen=True)
 class _State:
-    """Where the minimisation stands."""
+    """Where the minimisation ended."""
 
     model: Model
-    at: tuple[np.ndarray, Prediction]
+    error: np.ndarray
     R: np.ndarray
+    """Triangular factor of the information in scaled unknowns."""
     linear: Linearisation
     weight: np.ndarray
+    prior_scale: float
     iterations: int
     converged: bool
-
-
-def _current(model: Model, unknowns: Unknowns, anchor: np.ndarray) -> np.ndarray:
-    """Present values of the unknowns, relative to nominal (frame: relative to the present one)."""
-    values = np.zeros(len(unknowns.names))
-    if unknowns.n_geometry:
-        values[: unknowns.n_geometry] = np.linalg.lstsq(unknowns.basis, model.k - anchor, rcond=None)[0] if (
-            unknowns.basis.shape[0] != unknowns.basis.shape[1]
-        ) else model.k - anchor
-    if unknowns.n_effects:
-        values[unknowns.n_geometry : unknowns.n_geometry + unknowns.n_effects] = np.concatenate(
-            [f.theta for f in model.effects]
-        )
-    if unknowns.n_frame:
-        assert model.frame is not None
-        values[-3:] = model.frame.offset
-    return values
 
 
 def _minimise(
@@ -431,56 +259,80 @@ def _minimise(
     unknowns: Unknowns,
     chosen: np.ndarray,
     at: tuple[np.ndarray, Prediction],
-    anchor: np.ndarray,
     loss: str,
+    prior_scale: float | None,
     max_iterations: int,
 ) -> _State:
-    """Levenberg–Marquardt on the chosen unknowns in units of their scale."""
-    scale, prior = unknowns.scale[chosen], unknowns.prior[chosen] / unknowns.scale[chosen]
-    once = max_iterations == 1
-
-    def cost(model: Model, at: tuple[np.ndarray, Prediction], weight: np.ndarray) -> float:
-        z = (at[0] / data.sigma) ** 2
-        value = np.nansum(weight[:, None] * z)
-        pull = _current(model, unknowns, anchor)[chosen] / scale
-        held = np.isfinite(prior)
-        return float(value + np.sum((pull[held] / prior[held]) ** 2)) if (at[1].status == "ok").all() else np.inf
-
-    damping, converged, count = 0.0, False, 0
-    linear = linearise(model, data, unknowns, at)
+    """Levenberg–Marquardt on the chosen unknowns, in units of their natural size."""
+    scale = unknowns.scale[chosen]
+    relative = unknowns.prior[chosen] / scale
+    geometric = np.flatnonzero((chosen < unknowns.n_geometry) & np.isfinite(relative))
+    held = np.isfinite(relative)
+    tau = prior_scale or 1.0
+    damping, converged, count, last = 0.0, False, 0, np.inf
     weight = _robust(at[0], data, loss)
+
+    def prior_of(tau: float) -> np.ndarray:
+        out = relative.copy()
+        out[geometric] *= tau
+        return out
+
+    def cost(model: Model, at: tuple[np.ndarray, Prediction]) -> float:
+        if not (at[1].status == "ok").all():
+            return np.inf
+        u = current(model, unknowns)[chosen] / scale
+        return float(np.nansum(weight[:, None] * (at[0] / data.sigma) ** 2) + np.sum((u / prior_of(tau))[held] ** 2))
+
+    linear = linearise(model, data, unknowns, at)
     while True:
         root = np.sqrt(weight)[linear.row]
-        J = linear.jacobian[:, chosen] * (scale * root[:, None])
-        pull = -_current(model, unknowns, anchor)[chosen] / scale
-        damp = np.full(len(chosen), np.sqrt(damping)) if damping else None
-        step, R = least_squares(J, root * linear.residual, pull, prior, damp)
-        if not np.isfinite(step).all() or count >= max_iterations or converged:
+        u = current(model, unknowns)[chosen] / scale
+        J = linear.jacobian[:, chosen] * scale * root[:, None]
+        step, R = least_squares.solve(J, root * linear.residual, -u, prior_of(tau), damping)
+        if not np.isfinite(step).all() or count >= max_iterations:
             break
         if unknowns.bounded:
-            now = -pull * scale
-            step = _bounded_step(
-                R, step, (unknowns.lower[chosen] - now) / scale, (unknowns.upper[chosen] - now) / scale
-            )
+            low, high = unknowns.lower[chosen] / scale - u, unknowns.upper[chosen] / scale - u
+            step = least_squares.within(R, step, low, high)
         full = np.zeros(len(unknowns.names))
         full[chosen] = step * scale
         trial = apply(model, unknowns, full)
         tried = residuals(trial, data, at[1])
         count += 1
-        if not once and not cost(trial, tried, weight) <= cost(model, at, weight) * (1 + 1e-9) + 1e-9:
-            damping = max(10 * damping, 1e-3 * float(np.max(np.sum(J * J, axis=0))))
+        if max_iterations > 1 and not cost(trial, tried) <= cost(model, at) * (1 + 1e-9) + 1e-9:
+            damping = max(10 * damping, 1e-3 * float(np.max(np.sum(J * J, axis=0), initial=1.0)))
             continue
-        model, at, damping = trial, tried, damping / 10 if damping > 1e-6 else 0.0
-        previous, weight = weight, _robust(at[0], data, loss)
-        settled = np.abs(step).max(initial=0.0) < _TOLERANCE and np.abs(weight - previous).max() < 1e-3
-        converged = once or bool(settled and not damping)
-        if not converged or once:
-            linear = linearise(model, data, unknowns, at)
-        if converged and not once:
-            break  # R of the last step is within its own size of the one here
-        if once:
+        model, at = trial, tried
+        # What is left to go shrinks as steps do: the next would be about (size/last)·size.
+        size = float(np.abs(step).max(initial=0.0))
+        left, last = size * (min(1.0, size / last) if np.isfinite(last) else 1.0), size
+        before = (weight, tau)
+        weight = _robust(at[0], data, loss)
+        if prior_scale is None and len(geometric):
+            tau = _evidence(u[geometric] + step[geometric], R, geometric, tau)
+        steady = np.abs(weight - before[0]).max() < 1e-3 and abs(tau / before[1] - 1) < 5e-2
+        converged = max_iterations == 1 or bool(left < _TOLERANCE and steady and not damping)
+        damping = damping / 10 if damping > 1e-6 else 0.0
+        if converged:
             break
-    return _State(model, at, R, linear, weight, count, converged)
+        linear = linearise(model, data, unknowns, at)
+    return _State(model, at[0], R, linear, weight, tau, count, converged)
+
+
+def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -> float:
+    """The prior's scale that makes the geometric errors found most likely, never below the stated tolerances."""
+    well = np.sum(1 - least_squares.variances(R)[geometric] / tau**2)
+    return float(np.clip(np.sqrt(np.sum(u * u) / max(well, 1e-3)), 1.0, 100.0)) if np.isfinite(well) else tau
+
+
+def _robust(error: np.ndarray, data: Measurements, loss: str) -> np.ndarray:
+    """Weight of each row from its residual length per component, in σ."""
+    if loss == "linear":
+        return np.ones(len(error))
+    z = np.sqrt(np.nanmean((error / data.sigma) ** 2, axis=1))
+    scale = max(1.0, float(np.nanmedian(z)) / 0.9)  # a misfit common to all rows is no outlier
+    z = z / (scale * ROBUST_AT)
+    return np.where(z <= 1, 1.0, 1 / np.maximum(z, 1)) if loss == "huber" else 1 / (1 + z * z)
 
 
 def _conclude(
@@ -490,73 +342,89 @@ def _conclude(
     unknowns: Unknowns,
     chosen: np.ndarray,
     method: str,
-    loss: str,
     expected: int,
-    anchor: np.ndarray,
 ) -> Fit:
-    g, nuisance = unknowns.n_geometry, state.linear.frame
+    g = unknowns.n_geometry
+    linear = state.linear
     ident = analyse(
-        state.linear.geometry, unknowns.scale[:g], unknowns.names[:g], np.hstack([nuisance, state.linear.effects])
+        linear.geometry, unknowns.scale[:g], unknowns.names[:g], np.hstack([linear.frame, linear.effects])
     )
-    inverse_R = np.linalg.solve(state.R, np.eye(len(chosen))) if np.isfinite(state.R).all() else np.full_like(state.R, np.nan)
-    root = inverse_R * unknowns.scale[chosen][:, None]
-    covariance = np.full((len(unknowns.names),) * 2, 0.0)
-    covariance[np.ix_(chosen, chosen)] = root @ root.T
-    estimate = _current(state.model, unknowns, anchor)
+    half = least_squares.root(state.R) * unknowns.scale[chosen][:, None]
+    covariance = np.zeros((len(unknowns.names),) * 2)
+    covariance[np.ix_(chosen, chosen)] = half @ half.T
+    status, reason = _verdict(state, ident, expected, method, min(g, len(chosen)), unknowns)
 
-    status, reason = "converged", ""
-    floor = expected if method != "map" else (expected + 1) // 2
+    error, _ = residuals(state.model, data)
+    weight = np.ones(len(data.q))
+    weight[~data.check] = state.weight
+    information = (ident.ratio * state.prior_scale) ** 2
+    taken = float(np.sum(information / (1 + information))) if method == "map" else float(np.sum(chosen < g))
+    taken += unknowns.n_effects + min(unknowns.n_frame, 6)
+    explained = _explained(data, unknowns).mask
+
+    def summary(rows: np.ndarray, parameters: float) -> Accuracy:
+        return accuracy(error[rows], data.sigma[rows], explained[rows], parameters)
+
+    return Fit(
+        candidate=_with_sigma(state.model, unknowns, covariance),
+        status=status,
+        reason=reason,
+        method=method,
+        iterations=state.iterations,
+        unknowns=unknowns,
+        estimate=current(state.model, unknowns),
+        covariance=covariance,
+        error=error,
+        weight=weight,
+        fit=summary(~data.check, taken),
+        check=summary(data.check, 0.0) if data.check.any() else None,
+        identifiability=ident,
+        expected=expected,
+        prior_scale=state.prior_scale,
+        warnings=_warnings(used, ident, expected, state),
+        lines=data.lines,
+    )
+
+
+def _verdict(
+    state: _State, ident: Identifiability, expected: int, method: str, n_chosen: int, unknowns: Unknowns
+) -> tuple[str, str]:
     if not state.converged:
-        status = "not_converged"
-        reason = (
+        return "not_converged", (
             f"no minimum after {state.iterations} iterations; the data may belong to another robot, or columns or "
             "units may be swapped (run 'pcalib inspect')"
         )
-    elif min(ident.n_identified, len(chosen)) < floor:
-        status = "rank_deficient"
-        reason = (
-            f"the data identify {ident.n_identified} of the {expected} directions of level {unknowns.level.name}; "
+    identified = min(ident.n_identified, n_chosen)
+    if identified < (expected if method != "map" else (expected + 1) // 2):
+        return "rank_deficient", (
+            f"the data identify {identified} of the {expected} directions of level {unknowns.level.name}; "
             "spread the poses over the workspace ('pcalib plan'), or fit a simpler level"
         )
-    error = state.at[0]
-    weight = state.weight
-    if data.check.any():
-        error, _ = residuals(state.model, data)
-        weight = np.ones(len(data.q))
-        weight[~data.check] = state.weight
-    held = unknowns.prior[:g] if method == "map" else None
-    taken = float(np.sum(ident.ratio**2 / (1 + ident.ratio**2))) if held is not None else float(len(chosen))
-    taken += (unknowns.n_frame + unknowns.n_effects) if held is not None else 0
-    in_fit = ~data.check
-    fit_rows = accuracy(error[in_fit], data.sigma[in_fit], taken)
-    check_rows = accuracy(error[data.check], data.sigma[data.check], 0.0) if data.check.any() else None
+    return "converged", ""
 
-    sigma_z = np.sqrt(np.diag(covariance))
-    basis = unknowns.basis
-    sigma_k = np.sqrt(np.einsum("ij,jl,il->i", basis, covariance[:g, :g], basis)) if g else np.zeros(len(anchor))
-    freed = (np.abs(basis) > 0).any(axis=1) if g else np.zeros(len(anchor), bool)
+
+def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray) -> Model:
+    """The model with 1σ of geometry and effects attached."""
+    g, basis = unknowns.n_geometry, unknowns.basis
+    sigma = np.full(len(model.k), np.nan)
+    freed = np.abs(basis).max(axis=1, initial=0.0) > 0
+    sigma[freed] = np.sqrt(np.einsum("ij,jl,il->i", basis, covariance[:g, :g], basis))[freed]
+    each = np.sqrt(np.diag(covariance))
     effects, i = [], g
-    for fitted in state.model.effects:
-        effects.append(replace(fitted, sigma=sigma_z[i : i + len(fitted.theta)]))
+    for fitted in model.effects:
+        effects.append(replace(fitted, sigma=each[i : i + len(fitted.theta)]))
         i += len(fitted.theta)
-    model = replace(state.model, sigma=np.where(freed, sigma_k, np.nan), effects=tuple(effects))
-    return Fit(
-        candidate=model, status=status, reason=reason, method=method, iterations=state.iterations, unknowns=unknowns,
-        estimate=estimate, covariance=covariance, error=error, weight=weight, fit=fit_rows, check=check_rows,
-        identifiability=ident, expected=expected, warnings=_warnings(used, ident, expected, state),
-        lines=data.lines,
-    )  # fmt: skip
+    return replace(model, sigma=sigma, effects=tuple(effects))
 
 
-def accuracy(error: np.ndarray, sigma: np.ndarray, parameters: float) -> Accuracy:
-    """RMS and maximum of residuals (N, 6), and χ² per degree of freedom."""
-    position = error[:, :3]
-    some = ~np.isnan(position).all(axis=1)
-    length2 = np.nansum(position[some] ** 2, axis=1)
+def accuracy(error: np.ndarray, sigma: np.ndarray, explained: np.ndarray, parameters: float) -> Accuracy:
+    """RMS and maximum of residuals (N, 6) [m, rad], and χ² per degree of freedom of the `explained` ones."""
+    some = ~np.isnan(error[:, :3]).all(axis=1)
+    length2 = np.nansum(error[some, :3] ** 2, axis=1)
     turned = ~np.isnan(error[:, 3])
     angle2 = np.sum(error[turned, 3:] ** 2, axis=1)
-    chi2 = float(np.nansum((error / sigma) ** 2))
-    dof = int((~np.isnan(error)).sum()) - parameters
+    chi2 = float(np.sum((error[explained] / sigma[explained]) ** 2))
+    dof = int(explained.sum()) - parameters
     return Accuracy(
         rms_pos=float(np.sqrt(length2.mean())) if len(length2) else float("nan"),
         max_pos=float(np.sqrt(length2.max())) if len(length2) else float("nan"),
@@ -564,6 +432,15 @@ def accuracy(error: np.ndarray, sigma: np.ndarray, parameters: float) -> Accurac
         chi2_dof=chi2 / dof if dof > 0 else float("nan"),
         n_rows=len(error),
     )
+
+
+def _explained(data: Measurements, unknowns: Unknowns) -> Measurements:
+    """The readings that the level can explain: no rotations where parallelograms are taken as perfect."""
+    if not unknowns.level.perfect or not data.mask[:, 3].any() or not data.mask[:, :3].any():
+        return data
+    mask = data.mask.copy()
+    mask[:, 3:] = False
+    return replace(data, mask=mask)
 
 
 def _require_reach(p: Prediction, data: Measurements) -> None:
@@ -578,6 +455,64 @@ def _require_reach(p: Prediction, data: Measurements) -> None:
         )
 
 
+def _require_enough(model: Model, data: Measurements, unknowns: Unknowns) -> int:
+    """Directions the level should identify from such readings; refuses fewer readings than that."""
+    if unknowns.n_geometry == 0:
+        return 0
+    kinds = {(tuple(m), tuple(t)) for m, t in zip(data.mask.tolist(), np.round(data.tool, 6).tolist(), strict=True)}
+    sigma = np.nanmedian(np.where(data.mask, data.sigma, np.nan), axis=0) if data.mask.all() else _typical(data)
+    expected = expected_rank(
+        model.robot, unknowns.level.name, tuple(unknowns.keep), tuple(sorted(kinds)[:6]), tuple(sigma), unknowns.n_frame > 0
+    )
+    needed = expected + min(unknowns.n_frame, 6)
+    readings = int(data.mask.sum())
+    if readings < needed:
+        least = int(np.ceil(needed * len(data.q) / max(readings, 1)))
+        raise InputError(
+            f"too few poses: {len(data.q)} poses give {readings} readings, level {unknowns.level.name} needs {needed}",
+            file=data.source,
+            remedy=f"measure at least {least} poses (three times as many is usual), or fit a simpler level",
+        )
+    return expected
+
+
+def _typical(data: Measurements) -> np.ndarray:
+    """(6,) median σ of the measured components; 1 where a component is never measured."""
+    return np.array([np.median(data.sigma[m, c]) if m.any() else 1.0 for c, m in enumerate(data.mask.T)])
+
+
+@lru_cache(maxsize=64)
+def expected_rank(
+    robot: Robot,
+    level: str,
+    keep: tuple[bool, ...],
+    kinds: tuple[tuple[tuple[bool, ...], tuple[float, ...]], ...],
+    sigma: tuple[float, ...],
+    frame_unknown: bool,
+) -> int:
+    """Directions that 40 well-spread poses per (measured components, tool) would identify at nominal geometry."""
+    from pcalib.planning import reachable
+
+    q = reachable(robot, 40, np.random.default_rng(0)).q
+    nominal = replace(Model.nominal(robot), frame=Frame() if frame_unknown else None)
+    chosen = unknowns_of(nominal, level, frame=frame_unknown)
+    basis = chosen.level.basis[:, np.array(keep, bool)]
+    scale = chosen.scale[: chosen.n_geometry][np.array(keep, bool)]
+    rows, frames = [], []
+    for mask, tool in kinds:
+        p = prediction.predict(nominal, q, Conditions.of(len(q), tool))
+        at, JX = prediction.closure_of(nominal, p)
+        seen = np.flatnonzero(mask)
+        noise = np.array(sigma)[seen][:, None]
+        J = prediction.geometry_columns(nominal, p, at, JX, basis)[:, seen] / noise
+        rows.append(J.reshape(-1, basis.shape[1]))
+        if frame_unknown:
+            F = prediction.frame_columns(nominal, p)[:, seen] / noise
+            frames.append(F.reshape(-1, F.shape[-1]))
+    scaled = project_out(np.concatenate(rows), np.concatenate(frames) if frames else None) * scale
+    return int(np.sum(np.linalg.svd(scaled, compute_uv=False) > THRESHOLD))
+
+
 def _base(linear: Linearisation, unknowns: Unknowns) -> np.ndarray:
     """Indices of the identifiable base and of every effect and frame unknown."""
     g = unknowns.n_geometry
@@ -586,42 +521,14 @@ def _base(linear: Linearisation, unknowns: Unknowns) -> np.ndarray:
     return np.array(base + list(range(g, len(unknowns.names))), int)
 
 
-def _expected(model: Model, data: Measurements, unknowns: Unknowns) -> int:
-    """Directions that well-spread poses with the same kind of readings and tools would identify."""
-    g = unknowns.n_geometry
-    if g == 0:
-        return 0
-    reference = reference_poses(model.robot)
-    kinds = {(tuple(m), tuple(np.round(t, 6))) for m, t in zip(data.mask, data.tool, strict=True)}
-    rows, frames = [], []
-    nominal = replace(Model.nominal(model.robot), frame=model.frame)
-    sigma = np.nanmedian(np.where(data.mask, data.sigma, np.nan), axis=0)
-    for mask, tool in sorted(kinds)[:6]:
-        p = prediction.predict(nominal, reference, Conditions.of(len(reference), np.array(tool)))
-        at, JX = prediction.closure_of(nominal, p)
-        seen = np.flatnonzero(mask)
-        J = prediction.geometry_columns(nominal, p, at, JX, unknowns.basis)[:, seen] / sigma[seen][:, None]
-        rows.append(J.reshape(-1, g))
-        if unknowns.n_frame:
-            F = prediction.frame_columns(nominal, p)[:, seen] / sigma[seen][:, None]
-            frames.append(F.reshape(-1, F.shape[-1]))
-    scaled = project_out(np.concatenate(rows), np.concatenate(frames) if frames else None) * unknowns.scale[:g]
-    s = np.linalg.svd(scaled, compute_uv=False)
-    return int(np.sum(s > 1e-2))
-
-
-def reference_poses(robot: Robot, n: int = 40, seed: int = 0) -> np.ndarray:
-    """Commands (n, nq) spread over joint range ∩ workspace of the nominal robot, always the same."""
-    from pcalib.planning import reachable
-
-    return reachable(robot, n, np.random.default_rng(seed)).q
-
-
 def _warnings(data: Measurements, ident: Identifiability, expected: int, state: _State) -> tuple[str, ...]:
     out = []
     if ident.n_identified < expected:
+        out.append(f"{ident.n_identified} of {expected} directions are supported by these poses; priors hold the rest")
+    if state.prior_scale > 2:
         out.append(
-            f"{ident.n_identified} of {expected} directions are supported by these poses; priors hold the rest"
+            f"geometric errors are about {state.prior_scale:.1f} times the assumed tolerances; "
+            "priors were widened accordingly"
         )
     if not data.mask[:, 3:].any() and len(np.unique(np.round(data.tool, 6), axis=0)) == 1:
         out.append(

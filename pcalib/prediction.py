@@ -136,11 +136,16 @@ def closure_of(model: Model, p: Prediction) -> tuple[Closure, np.ndarray]:
     return at, kinematics.jacobian_state(mechanism, at, p.pose)
 
 
-def geometry_columns(model: Model, p: Prediction, at: Closure, JX: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """Derivative of the readings by level coordinates, (N, 6, nz), from S_C·basis (paper eq. 22)."""
+def geometry_columns(
+    model: Model, p: Prediction, at: Closure, JX: np.ndarray, basis: np.ndarray | None = None
+) -> np.ndarray:
+    """Derivative of the readings by level coordinates, (N, 6, nz), from S_C·basis (paper eq. 22).
+
+    Without a basis the columns are those of all raw parameters.
+    """
     mechanism = model.robot.mechanism
     Jk = kinematics.jacobian_parameters(mechanism, model.k, p.q, at, p.pose, p.deviation)
-    if basis.shape[0] != basis.shape[1] or not np.array_equal(basis, np.eye(len(basis))):
+    if basis is not None:
         Jk = Jk @ basis
     return _measured(model, _twist(mechanism, -np.linalg.solve(JX, Jk)))
 

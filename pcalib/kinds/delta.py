@@ -81,7 +81,7 @@ def _levels(
         for j, (_, _, entries) in enumerate(columns):
             for key, value in entries.items():
                 basis[at[key], j] = value
-        return Level(name, tuple(c[0] for c in columns), basis, tuple(c[1] for c in columns))
+        return Level(name, tuple(c[0] for c in columns), basis, tuple(c[1] for c in columns), perfect=True)
 
     lengths, offsets, plates, turns = [], [], [], []
     for i in range(1, 4):

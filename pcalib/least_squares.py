@@ -1,0 +1,52 @@
+"""One step of a regularised linear least-squares problem, by QR."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import lapack
+
+
+def solve(
+    J: np.ndarray, y: np.ndarray, pull: np.ndarray, prior: np.ndarray, damping: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minimise |y − J·s|² + Σ((pull − s)/prior)² + damping·|s|²; returns the step s and the triangular factor R.
+
+    RᵀR = JᵀJ + diag(1/prior²) + damping·I is the information matrix, which is never formed.
+
+    Args:
+        J, y: (M, n) and (M,), whitened.
+        pull: (n,) where the priors draw the step to.
+        prior: (n,) 1σ; inf where there is none.
+    """
+    M, n = J.shape
+    held = np.flatnonzero(np.isfinite(prior))
+    A = np.zeros((M + len(held) + (n if damping else 0), n + 1), order="F")
+    A[:M, :n], A[:M, n] = J, y
+    rows = M + np.arange(len(held))
+    A[rows, held] = 1 / prior[held]
+    A[rows, n] = pull[held] / prior[held]
+    if damping:
+        A[M + len(held) + np.arange(n), np.arange(n)] = np.sqrt(damping)
+    QR = lapack.dgeqrf(A, overwrite_a=True)[0]
+    R = np.triu(QR[:n, :n])
+    step, info = lapack.dtrtrs(R, QR[:n, n])
+    return (step if info == 0 else np.full(n, np.nan)), R
+
+
+def within(R: np.ndarray, step: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The least-squares step within bounds, from the triangular factor and the free step."""
+    from scipy.optimize import lsq_linear
+
+    tiny = 1e-300  # lsq_linear wants low < high; a start on a bound stays there
+    return lsq_linear(R, R @ step, bounds=(np.minimum(low, -tiny), np.maximum(high, tiny)), method="bvls").x
+
+
+def variances(R: np.ndarray) -> np.ndarray:
+    """Diagonal of (RᵀR)⁻¹ (n,)."""
+    return np.sum(root(R) ** 2, axis=1)
+
+
+def root(R: np.ndarray) -> np.ndarray:
+    """R⁻¹, a square root of the covariance: (RᵀR)⁻¹ = root·rootᵀ. NaN where R is singular."""
+    inverse, info = lapack.dtrtri(R)
+    return np.triu(inverse) if info == 0 else np.full_like(R, np.nan)
