@@ -1,0 +1,294 @@
+"""Tables with their source lines, the form of every data file: CSV with a head of metadata, or Parquet.
+
+CSV is UTF-8 with commas: lines ``# key = value`` (a ``#`` line without ``=`` is a comment), one header line, one
+line per row. Parquet holds the same columns, null for blank, with the metadata beside the schema; its "lines" are
+row numbers from 1.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+
+from pcalib import files
+from pcalib.errors import InputError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+PARQUET = (".parquet", ".pq")
+
+
+@dataclass(frozen=True)
+class Table:
+    """The cells of a file, not yet interpreted."""
+
+    source: str
+    columns: Mapping[str, Sequence[str] | np.ndarray]
+    """Name → stripped text of each cell, or (N,) float with NaN for null where the file itself is typed."""
+    lines: np.ndarray
+    """(N,) int, line of each row in the file."""
+    metadata: Mapping[str, str]
+    metadata_lines: Mapping[str, int]
+    comments: Mapping[int, str]
+    """Line → text of the '#' lines without '='."""
+    header_line: int | None = None
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def error(self, problem: str, *, row: int | None = None, column: str | None = None, remedy: str = "") -> InputError:
+        """An error at a row (0-based), or at the header."""
+        line = self.header_line if row is None else int(self.lines[row])
+        return InputError(problem, file=self.source, line=line, column=column, remedy=remedy)
+
+    def blank(self, name: str) -> np.ndarray:
+        """(N,) which cells of a column are empty."""
+        cells = self.columns[name]
+        if isinstance(cells, np.ndarray):
+            return np.isnan(cells)
+        return np.fromiter((not cell for cell in cells), bool, len(cells))
+
+    def texts(self, name: str) -> list[str]:
+        """The cells as text; '' for blank."""
+        cells = self.columns[name]
+        return _formatted(cells) if isinstance(cells, np.ndarray) else list(cells)
+
+    def numbers(self, name: str, *, blank: bool = False) -> np.ndarray:
+        """The cells as (N,) float in the column's own unit; NaN for blank, which is an error unless `blank`.
+
+        Raises:
+            InputError: a cell that is no finite number, or is blank where a value is needed.
+        """
+        cells = self.columns[name]
+        if isinstance(cells, np.ndarray):
+            values = cells
+        else:
+            try:
+                values = np.array([float(cell) if cell else np.nan for cell in cells])
+            except ValueError:
+                self._refuse_number(name, cells, blank)
+            joined = "".join(cells)
+            if "_" in joined or not joined.isascii():  # float() takes 1_000 and digits of other scripts
+                self._refuse_number(name, cells, blank)
+        if not np.isfinite(values).all():
+            empty = self.blank(name)
+            wrong = ~np.isfinite(values) & ~empty
+            if wrong.any():
+                row = int(np.argmax(wrong))
+                self._refuse_cell(name, row, self.texts(name)[row], blank)
+            if empty.any() and not blank:
+                raise self.error(
+                    "the field is blank", row=int(np.argmax(empty)), column=name,
+                    remedy="every row needs a number here; only measured pose columns may be blank",
+                )
+        return values
+
+    def _refuse_number(self, name: str, cells: Sequence[str], blank: bool) -> NoReturn:
+        row = next(i for i, cell in enumerate(cells) if cell and not is_number(cell))
+        self._refuse_cell(name, row, cells[row], blank)
+
+    def _refuse_cell(self, name: str, row: int, cell: str, blank: bool) -> NoReturn:
+        remedy = "write a plain decimal number such as -12.5"
+        if "," in cell:
+            remedy = "write decimals with a point, not a comma"
+        elif blank:
+            remedy += ", or leave the field blank where nothing was measured"
+        raise self.error(f"{_short(cell)!r} is not a finite number", row=row, column=name, remedy=remedy)
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a plain decimal number; 'nan' and 'inf' are not told apart from one here."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell and cell.isascii()
+
+
+def read(path: str | Path) -> Table:
+    """Read a table: Parquet where the name ends with .parquet or .pq, else CSV.
+
+    Raises:
+        InputError: unreadable, empty, without rows, or not a well-formed table.
+    """
+    table = _read_parquet(Path(path)) if Path(path).suffix.lower() in PARQUET else _read_csv(Path(path))
+    names = list(table.columns)
+    for number, name in enumerate(names, 1):
+        if not name:
+            raise table.error(f"column {number} has no name", remedy="name every column, or delete the empty one")
+    if not len(table):
+        raise table.error("there is a header but no row", remedy="add one line per pose")
+    return table
+
+
+def write(
+    path: str | Path, columns: Mapping[str, Sequence[str] | np.ndarray], metadata: Mapping[str, str] | None = None
+) -> None:
+    """Write a table atomically, as Parquet or CSV by the name's ending; NaN and '' become blank (null)."""
+    if Path(path).suffix.lower() in PARQUET:
+        _write_parquet(Path(path), columns, metadata or {})
+        return
+    text = io.StringIO(newline="")
+    for key, value in (metadata or {}).items():
+        text.write(f"# {key} = {' '.join(value.split())}\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    cells = [_formatted(c) if isinstance(c, np.ndarray) else c for c in columns.values()]
+    writer.writerows(zip(*cells, strict=True))
+    files.write_text(path, text.getvalue())
+
+
+def _formatted(values: np.ndarray) -> list[str]:
+    if values.dtype.kind in "iub":
+        return [str(int(v)) for v in values]
+    # 15 digits: every decimal number that was read comes back as it was written.
+    return ["" if math.isnan(v) else f"{v:.15g}" for v in values.tolist()]
+
+
+def _short(cell: str) -> str:
+    return cell if len(cell) <= 40 else cell[:37] + "…"
+
+
+def _read_csv(path: Path) -> Table:
+    text = files.read_text(path)
+    if text.startswith("PAR1"):
+        raise InputError("this is a Parquet file", file=path, remedy="give it a name that ends with .parquet")
+    stream = io.StringIO(text, newline="")
+    metadata, metadata_lines, comments, first, above = _head(stream, path)
+    if not first.strip():
+        raise InputError("there is no header line", file=path, remedy="name the columns, e.g. q1_deg,q2_deg,q3_deg,x_mm")
+
+    def body() -> Iterator[str]:
+        yield first
+        yield from stream
+
+    # The csv module refuses fields beyond this length and broken quotes with an error of its own.
+    reader = csv.reader(body(), strict=True)
+    header: list[str] = []
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    try:
+        header = [name.strip() for name in next(reader)]
+        top = above + reader.line_num
+        width = len(header)
+        for row in reader:
+            if len(row) != width:
+                if not "".join(row).strip() and len(row) <= 1:
+                    continue
+                _refuse_row(row, header, path, above + reader.line_num)
+            rows.append(row)
+            lines.append(above + reader.line_num)
+    except csv.Error as error:
+        raise InputError(
+            f"not valid CSV: {error}", file=path, line=above + reader.line_num, remedy="check the quotes of this line"
+        ) from None
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if width == 1 and separator in header[0]:
+            raise InputError(f"columns are separated by {name}", file=path, line=top, remedy="separate them with commas")
+    for number, name in enumerate(header):
+        if name and name in header[:number]:
+            raise InputError(f"column '{name}' is given twice", file=path, line=top, remedy="keep one of them")
+    columns = {name: [cell.strip() for cell in column] for name, column in zip(header, zip(*rows), strict=False)}
+    if not rows:
+        columns = {name: [] for name in header}
+    return Table(str(path), columns, np.array(lines, int), metadata, metadata_lines, comments, top)
+
+
+def _head(stream: io.StringIO, path: Path) -> tuple[dict[str, str], dict[str, int], dict[int, str], str, int]:
+    """Metadata, the line of each key, comments by line, the header line and the number of lines above it."""
+    metadata: dict[str, str] = {}
+    lines: dict[str, int] = {}
+    comments: dict[int, str] = {}
+    for number, line in enumerate(stream, 1):
+        bare = line.strip()
+        if bare and not bare.startswith("#"):
+            return metadata, lines, comments, line, number - 1
+        key, equals, value = bare.lstrip("#").partition("=")
+        key = key.strip()
+        if equals:
+            if key in metadata:
+                raise InputError(f"metadata '{key}' is given twice", file=path, line=number, remedy="keep one of them")
+            metadata[key], lines[key] = value.strip(), number
+        elif key:
+            comments[number] = key
+    return metadata, lines, comments, "", 0
+
+
+def _refuse_row(row: list[str], header: list[str], path: Path, line: int) -> NoReturn:
+    remedy = "every row has one field per column; leave a field blank where nothing was measured"
+    if row and row[0].lstrip().startswith("#"):
+        remedy = "'#' lines stand above the header"
+    elif len(row) == 1 and ";" in row[0]:
+        remedy = "separate the fields with commas"
+    elif len(row) > len(header):
+        remedy += "; decimals are written with a point"
+    raise InputError(f"{len(row)} fields where the header has {len(header)}", file=path, line=line, remedy=remedy)
+
+
+def _read_parquet(path: Path) -> Table:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if path.is_dir():
+        raise InputError("is a directory, not a file", file=path)
+    try:
+        content = pq.read_table(pa.BufferReader(path.read_bytes()))
+    except FileNotFoundError:
+        raise InputError("no such file", file=path, remedy="check the path") from None
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
+        first = (str(error).splitlines() or ["unknown error"])[0]
+        raise InputError(f"not a readable Parquet file: {first}", file=path, remedy="write it anew, or use CSV") from None
+    columns: dict[str, Sequence[str] | np.ndarray] = {}
+    for name, column in zip(content.column_names, content.columns, strict=True):
+        if name in columns:
+            raise InputError(f"column '{name}' is given twice", file=path, remedy="keep one of them")
+        columns[name] = _parquet_cells(path, name, column)
+    metadata = {
+        key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
+        for key, value in (content.schema.metadata or {}).items()
+    }
+    # Writers leave notes of their own here (pandas, ARROW:schema, …): only lower-case words are taken for metadata.
+    metadata = {key: value for key, value in metadata.items() if key.isidentifier() and key != "pandas"}
+    return Table(str(path), columns, np.arange(1, content.num_rows + 1), metadata, {}, {})
+
+
+def _parquet_cells(path: Path, name: str, column: pa.ChunkedArray) -> Sequence[str] | np.ndarray:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.types as t
+
+    kind = column.type
+    if t.is_dictionary(kind):
+        column, kind = column.cast(kind.value_type), kind.value_type
+    try:
+        if t.is_string(kind) or t.is_large_string(kind):
+            return [(cell or "").strip() for cell in column.to_pylist()]
+        if t.is_boolean(kind) or t.is_integer(kind) or t.is_floating(kind) or t.is_decimal(kind) or t.is_null(kind):
+            floats = pc.cast(column, pa.float64(), safe=False)
+            return np.array(floats.to_numpy(), float)
+    except (pa.ArrowException, ValueError) as error:
+        raise InputError(f"cannot be read: {error}", file=path, column=name) from None
+    raise InputError(f"type {kind} cannot be used", file=path, column=name, remedy="store numbers or text")
+
+
+def _write_parquet(path: Path, columns: Mapping[str, Sequence[str] | np.ndarray], metadata: Mapping[str, str]) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    arrays = {
+        name: pa.array(cells, from_pandas=True)
+        if isinstance(cells, np.ndarray)
+        else pa.array([cell or None for cell in cells], pa.string())
+        for name, cells in columns.items()
+    }
+    table = pa.table(arrays).replace_schema_metadata(dict(metadata))
+    with files.atomic(path) as temporary:
+        pq.write_table(table, temporary)
