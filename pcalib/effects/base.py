@@ -7,13 +7,15 @@ work with any combination of effects; derivatives come from the contribution its
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import ClassVar, Protocol
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from pcalib.errors import EffectError
 from pcalib.kinematics import Deviation
-from pcalib.mechanism import Pose
+from pcalib.mechanism import BaseSide, Pose
 from pcalib.robot import Robot
 
 
@@ -53,11 +55,77 @@ class Situation:
     payload: np.ndarray
     """(N,) [kg] at the tool point."""
     columns: Mapping[str, np.ndarray]
-    """Every further numeric column of the data, (N,), SI where a unit is known, by its name without unit:
-    temp_arms, temp_rods, temp_base [°C], time [s], dir1 … and the user's own columns under their full name."""
+    """Every further numeric column of the data, (N,), SI where a unit is known, by its name without unit: temp or
+    temp_arms, temp_rods, temp_base [°C], time [s] from the first row, dir1 … and the user's own columns."""
+    k: np.ndarray
+    """(nk,) geometric parameters [m, rad or 1]."""
+    position: np.ndarray | None = None
+    """(N, 3) [m] measured point in the measuring frame; the TCP in the base frame when absent."""
+    gravity: np.ndarray | None = None
+    """(3,) [m/s²], base frame; the robot's when absent. `under` changes it together with the loads."""
+    partners: tuple[tuple[Any, np.ndarray], ...] = ()
+    """The effects that act together with this one, with their parameter values."""
 
     def __len__(self) -> int:
         return len(self.q)
+
+    @cached_property
+    def side(self) -> BaseSide:
+        """Base-side anchors without the deviations of effects."""
+        return self.robot.mechanism.actuation.base(self.k, self.q)
+
+    @property
+    def g(self) -> np.ndarray:
+        """(3,) [m/s²] the gravity that acts, base frame."""
+        return self.robot.gravity if self.gravity is None else self.gravity
+
+    @property
+    def elbow_force(self) -> np.ndarray:
+        """(N, m, 3) [N], base frame: force on each base-side anchor, the rod's pull and half its weight."""
+        return self.tension[..., None] * self.rods + 0.5 * self.robot.mass.get("rod", 0.0) * self.g
+
+    @property
+    def measured_point(self) -> np.ndarray:
+        """(N, 3) [m] measured point in the measuring frame."""
+        return self.pose.tcp(self.tool) if self.position is None else self.position
+
+    def column(self, name: str) -> np.ndarray:
+        """A column that the effect needs, (N,).
+
+        Raises:
+            EffectError: the data have no such column.
+        """
+        if name.startswith("temp_") and name not in self.columns and "temp" in self.columns:
+            name = "temp"
+        if name not in self.columns:
+            have = ", ".join(sorted(self.columns)) or "none"
+            raise EffectError(f"column '{name}' is needed and not in the data; columns beside q and pose: {have}")
+        return self.columns[name]
+
+    def directions(self) -> np.ndarray:
+        """(N, nq) in −1, 0, +1: sign of each joint's last motion; 0 where it was not recorded."""
+        out = np.zeros(self.q.shape)
+        for i in range(self.q.shape[1]):
+            if f"dir{i + 1}" in self.columns:
+                out[:, i] = np.sign(np.nan_to_num(self.columns[f"dir{i + 1}"]))
+        return out
+
+    def under(self, gravity: np.ndarray) -> Situation:
+        """The same poses with another gravity vector (3,) [m/s²] and the loads that it makes."""
+        from pcalib import statics
+
+        loads = statics.loads(self.robot, self.k, self.q, self.pose, self.tool, self.payload, gravity=gravity)
+        return replace(self, tension=loads.tension, torque=loads.torque, gravity=np.asarray(gravity, float))
+
+    def take(self, rows: np.ndarray | slice) -> Situation:
+        """The situation of some rows."""
+        names = ("q", "rods", "arms", "tension", "torque", "tool", "payload")
+        changed: dict[str, Any] = {name: getattr(self, name)[rows] for name in names}
+        changed["pose"] = self.pose.take(rows)
+        changed["columns"] = {name: column[rows] for name, column in self.columns.items()}
+        if self.position is not None:
+            changed["position"] = self.position[rows]
+        return replace(self, **changed)
 
 
 @dataclass(frozen=True)
@@ -85,6 +153,15 @@ class Contribution:
             a, b = getattr(self, f.name), getattr(other, f.name)
             out[f.name] = b if a is None else a if b is None else a + b
         return Contribution(**out)
+
+    def scaled(self, factor: float) -> Contribution:
+        """All channels times a number."""
+        return Contribution(**{f.name: None if (a := getattr(self, f.name)) is None else factor * a for f in fields(self)})
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels that are not None."""
+        return tuple(f.name for f in fields(self) if getattr(self, f.name) is not None)
 
     @property
     def deviation(self) -> Deviation:

@@ -1,0 +1,56 @@
+"""Gears whose transmission error repeats many times per turn of the arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pcalib.effects.base import EffectParameter, Situation
+from pcalib.effects.library import PlacedEffect, amplitude, harmonics, unsuited_without_angles
+from pcalib.mechanism import Mechanism
+
+SCANNED = tuple(range(3, 121))
+"""Cycles per turn that are tried where the robot file names none."""
+
+
+@dataclass(frozen=True)
+class GearRipple(PlacedEffect):
+    """δq_i = Σ_n A_n·sin nq_i + B_n·cos nq_i [rad], n cycles per turn of the motor axis; up to 6 arcmin.
+
+    n comes from `[drive] ripple_per_turn` of the robot file, or is scanned with all that was looked at counted.
+    """
+
+    cycles: tuple[int, ...] = (24,)
+
+    name: ClassVar[str] = "gear_ripple"
+    title: ClassVar[str] = "gears ripple"
+    channels: ClassVar[tuple[str, ...]] = ("actuator",)
+    wants: ClassVar[tuple[str, ...]] = ("a fine sweep of motor angles", "ripple_per_turn in the robot file")
+
+    @property
+    def spec(self) -> str:
+        return f"{super().spec}@{'+'.join(map(str, self.cycles))}"
+
+    @property
+    def quantities(self) -> tuple[EffectParameter, ...]:
+        return tuple(
+            EffectParameter(f"{part}{n}", "arcsec", 2e-4, -1e-2, 1e-2) for n in self.cycles for part in ("sine", "cosine")
+        )
+
+    def unsuited(self, mechanism: Mechanism) -> str:
+        return unsuited_without_angles(mechanism)
+
+    def shapes(self, at: Situation) -> np.ndarray:
+        return harmonics(at.q, self.cycles)
+
+    def describe(self, theta: np.ndarray) -> str:
+        pairs = np.reshape(theta, (len(self.cycles), 2, -1))
+        members = self.places.members(self.per)
+        return "; ".join(
+            f"{n} per turn: amplitude {amplitude(pair, members, 'arcsec')}" for n, pair in zip(self.cycles, pairs, strict=True)
+        )
+
+
+EFFECT = GearRipple

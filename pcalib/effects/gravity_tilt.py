@@ -1,0 +1,44 @@
+"""Gravity that does not point along the base's −z: the robot hangs crooked."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from pcalib import rotation
+from pcalib.effects.base import Contribution, EffectParameter, Situation
+from pcalib.effects.library import LibraryEffect
+
+
+class GravityTilt(LibraryEffect):
+    """g → exp(ρ)·g with ρ = (ρx, ρy, 0) [rad]: what the other effects add under that gravity, less what they add now.
+
+    A rigid robot does not feel it: it is seen only through effects that answer to load (compliances, clearance),
+    and only where one of them is in the model.
+    """
+
+    name: ClassVar[str] = "gravity_tilt"
+    title: ClassVar[str] = "the robot hangs crooked in gravity"
+    variants: ClassVar[tuple[str, ...]] = ("common",)
+    channels: ClassVar[tuple[str, ...]] = ("actuator", "rod", "elbow", "tool")
+    linear: ClassVar[bool] = False
+    wants: ClassVar[tuple[str, ...]] = ("a compliance in the model", "payload")
+
+    @property
+    def quantities(self) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter(f"tilt_{a}", "mrad", 1e-2, -0.3, 0.3) for a in "xy")
+
+    def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
+        total = Contribution()
+        partners = [(effect, value) for effect, value in at.partners if effect.name != self.name]
+        if not partners:
+            return total
+        tilted = at.under(rotation.exp(np.array([theta[0], theta[1], 0.0])) @ at.g)
+        now = at.under(at.g)
+        for effect, value in partners:
+            total = total + effect.contribution(tilted, value) + effect.contribution(now, value).scaled(-1.0)
+        return total
+
+
+EFFECT = GravityTilt

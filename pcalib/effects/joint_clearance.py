@@ -1,0 +1,30 @@
+"""Play in the rods' ball joints, taken up by the sign of the rod force."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from pcalib.effects.base import EffectParameter, Situation
+from pcalib.effects.library import PlacedEffect
+
+
+class JointClearance(PlacedEffect):
+    """l_r → l_r + (c/2)·sign T_r [m], c > 0 the whole gap; 4–12 µm. Constant, so invisible, where no rod force reverses."""
+
+    name: ClassVar[str] = "joint_clearance"
+    title: ClassVar[str] = "play in the rod joints"
+    variants: ClassVar[tuple[str, ...]] = ("common", "arm", "rod")
+    channels: ClassVar[tuple[str, ...]] = ("rod",)
+    wants: ClassVar[tuple[str, ...]] = ("poses at which rod forces change sign",)
+
+    @property
+    def quantities(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("gap", "um", 1e-5, 0.0, 1e-3),)
+
+    def shapes(self, at: Situation) -> np.ndarray:
+        return 0.5 * np.sign(at.tension)[None]
+
+
+EFFECT = JointClearance

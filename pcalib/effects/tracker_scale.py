@@ -1,0 +1,33 @@
+"""An instrument whose metre is not a metre."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from pcalib.effects.base import Contribution, EffectParameter, Situation
+from pcalib.effects.library import LibraryEffect
+
+
+class TrackerScale(LibraryEffect):
+    """x_measured = (1 + κ)·x with κ dimensionless, x in the measuring frame; about 10 ppm.
+
+    A robot that is larger as a whole measures the same: without a length standard this is an exact alias.
+    """
+
+    name: ClassVar[str] = "tracker_scale"
+    title: ClassVar[str] = "the instrument's scale is off"
+    variants: ClassVar[tuple[str, ...]] = ("common",)
+    channels: ClassVar[tuple[str, ...]] = ("sensor",)
+    wants: ClassVar[tuple[str, ...]] = ("a scale bar: no pose of the robot can show it",)
+
+    @property
+    def quantities(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("scale_error", "ppm", 1e-5, -1e-3, 1e-3),)
+
+    def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
+        return Contribution(sensor=theta[0] * at.measured_point)
+
+
+EFFECT = TrackerScale
