@@ -126,7 +126,7 @@ def _close(
     if side.guide is not None:
         guided = ~np.isnan(side.guide[..., 0])
         n = np.where(guided[..., None], np.nan_to_num(side.guide), n)
-        f = np.where(guided, np.sum(n * d, axis=-1) - side.length, f)
+        f = np.where(guided, rotation.dot(n, d) - side.length, f)
     return Closure(f, d, n, r, side, b, hinges)
 
 
@@ -162,16 +162,16 @@ def jacobian_state(mechanism: Mechanism, at: Closure, pose: Pose) -> np.ndarray:
             rods = mechanism.rods_on(h)
             swing = rotation.cross(np.broadcast_to(hinge.axis, at.b[:, rods].shape), at.b[:, rods] - hinge.point)
             swing = swing @ np.swapaxes(pose.R, -1, -2)
-            columns[:, rods, h] = np.sum(at.n[:, rods] * swing, axis=-1)
+            columns[:, rods, h] = rotation.dot(at.n[:, rods], swing)
         J = np.concatenate([J, columns], axis=-1)
     return J
 
 
 def rod_rate(at: Closure) -> np.ndarray:
     """∂f/∂q of each rod by its own actuator, (N, m)."""
-    rate = -np.sum(at.n * at.side.dA, axis=-1) - at.side.dlength
+    rate = -rotation.dot(at.n, at.side.dA) - at.side.dlength
     if at.side.dguide is not None:
-        rate = rate + np.sum(np.nan_to_num(at.side.dguide) * at.d, axis=-1)
+        rate = rate + rotation.dot(np.nan_to_num(at.side.dguide), at.d)
     return rate
 
 
@@ -296,7 +296,11 @@ def _in_chunks(n: int, run: Callable[[slice], Solution]) -> Solution:
     """Run a solver over slices of at most CHUNK poses and join the answers."""
     if n <= CHUNK:
         return run(slice(None))
-    parts = [run(slice(i, i + CHUNK)) for i in range(0, n, CHUNK)]
+    return join([run(slice(i, i + CHUNK)) for i in range(0, n, CHUNK)])
+
+
+def join(parts: list[Solution]) -> Solution:
+    """The solutions of consecutive batches as one."""
     return Solution(
         q=np.concatenate([p.q for p in parts]),
         pose=Pose(*(np.concatenate([getattr(p.pose, a) for p in parts]) for a in ("x", "R", "phi"))),
@@ -387,8 +391,7 @@ def inverse(
     if rotation_matrix is None:
         rotation_matrix = np.broadcast_to(np.eye(3), (N, 3, 3))
     tools = np.broadcast_to(np.asarray(tool, float), (N, 3))
-    free = [c for c, dof in enumerate(mechanism.plate_dofs) if dof not in mechanism.task]
-    free += list(range(len(mechanism.plate_dofs), mechanism.n_state))
+    free = mechanism.free_state
     loose = [d for d in mechanism.plate_dofs if d < 3 and d not in mechanism.task]
     nq = len(mechanism.actuators)
     keep_yaw = 5 in mechanism.task and not {3, 4} & set(mechanism.task) and len(mechanism.plate_dofs) == 6

@@ -163,6 +163,8 @@ class Mechanism:
     """Sign of every rod's z direction on the working branch, seen from base to plate; 0: not checked."""
     plate_signs: np.ndarray | None = None
     """(m, 3) factors of `plate_columns`: −1 on a coordinate counted backwards, 0 where there is none; None: all +1."""
+    closed_form_inverse: bool = False
+    """Whether the nominal inverse is the rods' own closed form with the plate unturned (the Delta's IPR_S)."""
     max_tilt: float = 0.3
     """[rad] a plate turned further than this from its commanded orientation is on a wrong branch."""
 
@@ -170,6 +172,12 @@ class Mechanism:
     def n_state(self) -> int:
         """Unknowns of the plate: its twist components and hinge angles."""
         return len(self.plate_dofs) + len(self.hinges)
+
+    @cached_property
+    def free_state(self) -> list[int]:
+        """State components that a command leaves to the closure: untasked twist components and hinge angles."""
+        twist = [c for c, dof in enumerate(self.plate_dofs) if dof not in self.task]
+        return twist + list(range(len(self.plate_dofs), self.n_state))
 
     def index(self, name: str) -> int:
         """Position of a named parameter in k."""

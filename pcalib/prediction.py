@@ -150,34 +150,45 @@ def geometry_columns(
     return _measured(model, _twist(mechanism, -np.linalg.solve(JX, Jk)))
 
 
-def effect_columns(model: Model, p: Prediction, at: Closure, JX: np.ndarray, parts: Sequence[Contribution]) -> np.ndarray:
+def closure_change(mechanism: Mechanism, at: Closure, pose: Pose, part: Contribution) -> np.ndarray:
+    """δf that the in-loop channels of a contribution cause, (N, m) [m]."""
+    df = np.zeros(at.f.shape)
+    if part.actuator is not None:
+        df += kinematics.rod_rate(at) * part.actuator[:, mechanism.actuator]
+    if part.rod is not None:
+        df -= part.rod
+    if part.elbow is not None:
+        df -= rotation.dot(at.n, part.elbow)
+    if part.plate is not None:
+        df += rotation.dot(np.matmul(at.n, pose.R), part.plate)
+    return df
+
+
+def outer_twist(pose: Pose, tool: np.ndarray, part: Contribution) -> np.ndarray:
+    """Twist of the measured point that the channels outside the loops cause (tool, base), (N, 6), base frame."""
+    twist = np.zeros((len(pose), 6))
+    if part.tool is not None:
+        twist[:, :3] += (pose.R @ part.tool[..., None])[..., 0]
+    if part.base is not None:
+        twist[:, :3] += part.base[:, :3] + rotation.cross(part.base[:, 3:], pose.tcp(tool))
+        twist[:, 3:] += part.base[:, 3:]
+    return twist
+
+
+def effect_columns(
+    model: Model, p: Prediction, at: Closure, JX: np.ndarray, parts: Sequence[Contribution]
+) -> np.ndarray:
     """Derivative of the readings by effect parameters, (N, 6, len(parts)), from their unit contributions."""
     mechanism = model.robot.mechanism
-    N = len(p.q)
-    Jq = kinematics.rod_rate(at)
     columns = []
     for part in parts:
-        df = np.zeros(at.f.shape)
-        if part.actuator is not None:
-            df += Jq * part.actuator[:, mechanism.actuator]
-        if part.rod is not None:
-            df -= part.rod
-        if part.elbow is not None:
-            df -= np.sum(at.n * part.elbow, axis=-1)
-        if part.plate is not None:
-            df += np.sum(np.matmul(at.n, p.pose.R) * part.plate, axis=-1)
-        twist = _twist(mechanism, -np.linalg.solve(JX, df[..., None]))[..., 0]
-        if part.tool is not None:
-            twist[:, :3] += (p.pose.R @ part.tool[..., None])[..., 0]
-        if part.base is not None:
-            x = p.pose.tcp(p.tool)
-            twist[:, :3] += part.base[:, :3] + rotation.cross(part.base[:, 3:], x)
-            twist[:, 3:] += part.base[:, 3:]
+        df = closure_change(mechanism, at, p.pose, part)
+        twist = _twist(mechanism, -np.linalg.solve(JX, df[..., None]))[..., 0] + outer_twist(p.pose, p.tool, part)
         column = _measured(model, twist[..., None])[..., 0]
         if part.sensor is not None:
             column[:, :3] += part.sensor
         columns.append(column)
-    return np.stack(columns, axis=-1) if columns else np.zeros((N, 6, 0))
+    return np.stack(columns, axis=-1) if columns else np.zeros((len(p.q), 6, 0))
 
 
 def frame_columns(model: Model, p: Prediction, offset: bool = True) -> np.ndarray:

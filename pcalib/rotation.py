@@ -29,6 +29,11 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Dot product of 3-vectors on the last axis; several times faster than a reduction on batches."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+
 def _coefficients(angle2: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """sin θ/θ, (1 − cos θ)/θ², (θ − sin θ)/θ³ from θ², by series where θ is small."""
     small = angle2 < 1e-4

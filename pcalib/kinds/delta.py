@@ -66,6 +66,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         actuation=actuation,
         plate_columns=plate_columns,
         levels=_levels(tuple(parameters), units, u, a[:, 0]),
+        closed_form_inverse=True,
         start=lambda k, q: simplified_pose(actuation, plate_columns, k, q),
     )
 

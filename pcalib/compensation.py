@@ -1,0 +1,164 @@
+"""Compensation: the commands that bring the TCP where it is wanted, tool, load and conditions included.
+
+* exact: the inverse of the complete model, effects included (paper eq. 27, which it calls difficult).
+* first-order: the paper's approximation (eqs 29–33), with S_C at the actual tool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import kinematics, prediction, rotation
+from pcalib.effects.base import Contribution
+from pcalib.errors import InputError, unknown
+from pcalib.kinematics import Solution
+from pcalib.mechanism import Pose
+from pcalib.model import Model
+from pcalib.prediction import Conditions
+
+METHODS = ("exact", "first-order")
+_ROUNDS = 10
+_SETTLED = 1e-12
+
+
+@dataclass(frozen=True)
+class Commands:
+    """One command per target."""
+
+    q: np.ndarray
+    """(N, nq) [rad or m]; NaN where the status is not 'ok'."""
+    status: np.ndarray
+    """(N,) 'ok', 'outside_workspace', 'outside_joint_range', 'unreachable'."""
+
+
+def compensate(
+    model: Model,
+    position: np.ndarray,
+    tool: np.ndarray | Sequence[float] | float = 0.0,
+    *,
+    rotation_matrix: np.ndarray | None = None,
+    conditions: Conditions | None = None,
+    method: str = "exact",
+    limits: bool = True,
+) -> Commands:
+    """Commands for TCP targets in the base frame.
+
+    Args:
+        position: (N, 3) [m] wanted TCP positions.
+        tool: (3,) or (N, 3) [m] TCP in the plate frame; `conditions.tool` is used where conditions are given.
+        rotation_matrix: (N, 3, 3) wanted orientation, for robots that can choose it.
+        conditions: payload, temperature, direction … for models with effects.
+        method: 'exact' or 'first-order'.
+        limits: whether to refuse targets outside the workspace and commands outside the joint range.
+    """
+    if method not in METHODS:
+        raise InputError(unknown("method", method, METHODS))
+    position = np.atleast_2d(np.asarray(position, float))
+    if conditions is None:
+        conditions = Conditions.of(len(position), tool)
+    solve = exact if method == "exact" else first_order
+    found = solve(model, position, conditions, rotation_matrix)
+    status = np.where(found.ok, "ok", "unreachable").astype("<U20")
+    if limits:
+        robot = model.robot
+        inside = (found.q >= robot.joint_min - 1e-9) & (found.q <= robot.joint_max + 1e-9)
+        status[(status == "ok") & ~inside.all(axis=1)] = "outside_joint_range"
+        R = np.eye(3) if rotation_matrix is None else rotation_matrix
+        centre = position - (R @ conditions.tool[..., None])[..., 0]
+        status[~robot.workspace.contains(centre)] = "outside_workspace"
+    return Commands(np.where((status == "ok")[:, None], found.q, np.nan), status)
+
+
+def exact(
+    model: Model, position: np.ndarray, conditions: Conditions, rotation_matrix: np.ndarray | None = None
+) -> Solution:
+    """IPR_C with all effects: the inverse of the closure, repeated until the effects at its answer settle."""
+    mechanism = model.robot.mechanism
+    if not model.effects:
+        return kinematics.inverse(mechanism, model.k, position, rotation_matrix, conditions.tool)
+    found = kinematics.inverse(mechanism, model.k, position, rotation_matrix, conditions.tool)
+    total = Contribution()
+    for _ in range(_ROUNDS):
+        usable = Solution(
+            np.nan_to_num(found.q), Pose(np.nan_to_num(found.pose.x), found.pose.R, found.pose.phi),
+            found.status, found.iterations, found.residual,
+        )  # fmt: skip
+        at = prediction.situation(model, usable.q, usable.pose, conditions, total.deviation)
+        total = prediction.contributions(model, at)
+        tool = conditions.tool + (0.0 if total.tool is None else total.tool)
+        goal, turn = position, rotation_matrix
+        if total.base is not None:
+            undo = np.swapaxes(rotation.exp(total.base[:, 3:]), -1, -2)
+            goal = (undo @ (position - total.base[:, :3])[..., None])[..., 0]
+            turn = None if rotation_matrix is None else undo @ rotation_matrix
+        previous = found.q
+        found = kinematics.inverse(
+            mechanism, model.k, goal, turn, tool, start=None if total.base is not None else usable,
+            deviation=total.deviation,
+        )  # fmt: skip
+        if not np.nanmax(np.abs(found.q - previous), initial=0.0) > _SETTLED:
+            break
+    return found
+
+
+def first_order(
+    model: Model, position: np.ndarray, conditions: Conditions, rotation_matrix: np.ndarray | None = None
+) -> Solution:
+    """Paper eqs (29)–(33): q = IPR_S(x), δX = S_C·δk at the tool, δq = J_S^m·δx, q − δq."""
+    n = len(position)
+    parts = [
+        _first_order_chunk(
+            model,
+            position[i : i + kinematics.CHUNK],
+            conditions.take(slice(i, i + kinematics.CHUNK)),
+            None if rotation_matrix is None else rotation_matrix[i : i + kinematics.CHUNK],
+        )
+        for i in range(0, n, kinematics.CHUNK)
+    ]
+    return parts[0] if len(parts) == 1 else kinematics.join(parts)
+
+
+def _first_order_chunk(
+    model: Model, position: np.ndarray, conditions: Conditions, rotation_matrix: np.ndarray | None
+) -> Solution:
+    mechanism = model.robot.mechanism
+    nominal = mechanism.nominal
+    n = len(position)
+    if mechanism.closed_form_inverse and rotation_matrix is None:
+        x = position - conditions.tool
+        pose = Pose(x, np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, len(mechanism.hinges))))
+        q = kinematics.initial_actuators(mechanism, nominal, pose)
+        status = np.where(np.isnan(q).any(axis=1), "not_converged", "ok")
+    else:
+        start = kinematics.inverse(mechanism, nominal, position, rotation_matrix, conditions.tool)
+        q, pose, status = start.q, start.pose, start.status
+    tool = conditions.tool if np.ptp(conditions.tool, axis=0).any() else conditions.tool[0]
+    at = kinematics.closure(mechanism, nominal, q, pose, tool)
+    # ∂f/∂k·δk rod by rod: each depends on a few parameters only, so S_C itself is never built.
+    rows, columns = kinematics.local_parameters(mechanism, nominal, q, at, pose)
+    df = np.einsum("nmc,mc->nm", rows, model.errors[columns])
+    extra = np.zeros((n, 6))
+    if model.effects:
+        usable = np.isfinite(q).all(axis=1)
+        df = np.where(usable[:, None], df, np.nan)
+        there = prediction.situation(replace(model, k=nominal), np.nan_to_num(q), pose, conditions, kinematics.RIGID)
+        total = prediction.contributions(model, there)
+        df = df + prediction.closure_change(mechanism, at, pose, total)
+        extra = prediction.outer_twist(pose, conditions.tool, total)
+    JX = kinematics.jacobian_state(mechanism, at, pose)
+    Jq = kinematics.jacobian_actuators(mechanism, at)
+    free = mechanism.free_state
+    task = [mechanism.plate_dofs.index(d) for d in mechanism.task]
+    # With the task held, (J_q, J_X,free)·(δq, δX_free) = −(∂f/∂k·δk − J_X,task·δx_outer): eqs (30)–(32) in one solve.
+    A = np.concatenate([Jq, JX[..., free]], axis=-1)
+    rhs = -df + np.einsum("nmt,nt->nm", JX[..., task], extra[:, list(mechanism.task)])
+    step = np.full((n, A.shape[-1]), np.nan)
+    good = np.isfinite(A).all(axis=(1, 2))
+    if good.all():
+        step = np.linalg.solve(A, rhs[..., None])[..., 0]
+    elif good.any():
+        step[good] = np.linalg.solve(A[good], rhs[good][..., None])[..., 0]
+    return Solution(q + step[:, : q.shape[1]], pose, status, 1, np.abs(at.f).max(axis=-1))
