@@ -205,7 +205,7 @@ def fit(
         loss: 'linear', or 'huber' / 'cauchy', which weigh rows far off down and report them.
         fixed, bounds, prior: see :func:`pcalib.unknowns.unknowns_of`.
         prior_scale: common factor on the manufacturing priors; estimated (≥ 1) where absent.
-        weighted: divide by the instrument's σ; False leaves m and rad as they are, as the paper's text does.
+        weighted: divide by the instrument's σ; False weighs a millimetre like a radian, as the paper's text does.
 
     Raises:
         InputError: rows that the nominal robot cannot reach, or fewer readings than the level needs.
@@ -216,7 +216,7 @@ def fit(
     model = robot if isinstance(robot, Model) else Model.nominal(robot)
     model = replace(model, level=level, effects=tuple(effects) or model.effects)
     if not weighted:
-        data = replace(data, sigma=np.ones_like(data.sigma))
+        data = replace(data, sigma=data.sigma[:, :1] * np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3]))
     tracker = data.frame == "tracker"
     unknowns = unknowns_of(model, level, model.effects, tracker, fixed, bounds, prior, flat=method != "map")
     used = _explained(data.take(~data.check), unknowns)

@@ -19,6 +19,8 @@ def solve(
         prior: (n,) 1σ; inf where there is none.
     """
     M, n = J.shape
+    if n == 0:
+        return np.zeros(0), np.zeros((0, 0))
     held = np.flatnonzero(np.isfinite(prior))
     A = np.zeros((M + len(held) + (n if damping else 0), n + 1), order="F")
     A[:M, :n], A[:M, n] = J, y
@@ -48,5 +50,7 @@ def variances(R: np.ndarray) -> np.ndarray:
 
 def root(R: np.ndarray) -> np.ndarray:
     """R⁻¹, a square root of the covariance: (RᵀR)⁻¹ = root·rootᵀ. NaN where R is singular."""
+    if R.size == 0:
+        return R
     inverse, info = lapack.dtrtri(R)
     return np.triu(inverse) if info == 0 else np.full_like(R, np.nan)
