@@ -70,7 +70,7 @@ def test_virtual_work(path, gravity):
         moved = kinematics.forward(mechanism, k, q, pose, deviation, tolerance=1e-14)
         return potential(robot, k, q, moved.pose, tool, payload, robot.gravity)
 
-    h = 1e-5
+    h = 2e-6
     for i in range(len(mechanism.actuators)):
         step = h * np.eye(len(mechanism.actuators))[i]
         slope = (energy(q + step) - energy(q - step)) / (2 * h)
