@@ -31,8 +31,9 @@ def some_poses(robot, n, seed=0):
     found = kinematics.forward(mechanism, k, q)
     J = kinematics.jacobian_state(mechanism, kinematics.closure(mechanism, k, q, found.pose), found.pose)
     # Away from singular poses, where finite differences of the energy are poor.
-    good = np.argsort(np.where(found.ok, np.linalg.cond(J), np.inf))[:n]
-    assert found.ok[good].all()
+    solved = np.flatnonzero(found.ok)
+    good = solved[np.argsort(np.linalg.cond(J[solved]))[:n]]
+    assert len(good) >= 2
     return k, q[good], found.pose.take(good)
 
 
