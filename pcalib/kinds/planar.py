@@ -92,7 +92,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         plate_signs=np.array([[-1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
         levels={
             "nominal": Level("nominal", (), np.zeros((9, 0)), ()),
-            "classical": Level("classical", ("q0", "l"), classical, ("rad", "m")),
+            "classical": Level("classical", ("q0", "l"), classical, ("rad", "m"), perfect=True),
             "complete": Level("complete", PARAMETERS, np.eye(9), units),
         },
         start=_start,
