@@ -249,7 +249,7 @@ def _put_sigma(data: Measurements, key: str, axes: slice, head: dict[str, str], 
     if np.isnan(seen).all():
         return
     row = data.sigma[:, axes.start].copy()
-    some = ~np.isnan(seen).all(axis=1)
+    some = np.flatnonzero(~np.isnan(seen).all(axis=1))
     row[some] = np.nanmax(seen[some], axis=1)
     if np.any(np.nan_to_num(seen - row[:, None])):
         raise InputError(f"{key} differs between axes, which a measurement file cannot say", remedy="use one σ per row")

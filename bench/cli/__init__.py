@@ -1,0 +1,16 @@
+"""The command line `pcbench`: one file of this folder is one command, see :mod:`pcalib.cli.frame` for how to add one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pcalib.cli import frame
+
+DESCRIPTION = """The virtual robot: simulate measurements with MuJoCo, and judge what pcalib makes of them.
+
+Exit code: 0 fine, 1 a check that was asked for did not hold, 2 bad input."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `pcbench` with `argv` (that of the process where None); returns the exit code."""
+    return frame.run(frame.app("pcbench", __name__, __path__, DESCRIPTION), argv)

@@ -1,0 +1,17 @@
+"""The command line `pcalib`: one file of this folder is one command, see :mod:`pcalib.cli.frame` for how to add one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pcalib.cli import frame
+
+DESCRIPTION = """Calibrate parallel robots: identify every rod, compensate the command, find the missing physics.
+
+Files: robots are TOML, measurements and targets CSV or Parquet; every quantity carries its unit in its name.
+Exit code: 0 fine, 1 a check that was asked for did not hold, 2 bad input."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `pcalib` with `argv` (that of the process where None); returns the exit code."""
+    return frame.run(frame.app("pcalib", __name__, __path__, DESCRIPTION), argv)

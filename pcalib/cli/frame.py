@@ -1,0 +1,237 @@
+"""What all command lines of the project share: finding commands, running them, printing, JSON and progress.
+
+A command is one file in the folder of its program (`pcalib/cli/`, `bench/cli/`); nothing else has to be told of it::
+
+    '''One line for the list of commands.
+
+        pcalib mycommand data.csv --json out.json
+    '''
+
+    def command(data: Path, /, *, robot: Path | None = None, json: JsonOption = None) -> int | None:
+        '''One line, the same or another.
+
+        What it does, for the page of --help.
+
+        Args:
+            data: What this argument is.
+            robot: What this option is.
+        '''
+
+The file's name is the command's (`_` becomes `-`), its docstring is the line in the list followed by examples, and
+`command` returns the exit code, None for 0. The file is imported only when its command runs, and should itself
+import what is heavy inside `command`. Files that start with `_`, and this one, are no commands.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import math
+import os
+import sys
+import textwrap
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, CycloptsError, Parameter, UnknownCommandError, UnusedCliTokensError
+
+from pcalib.errors import PcalibError, unknown
+
+OK, NOT_HELD, BAD_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
+"""Exit codes: fine; a check that was asked for did not hold; bad input or usage; Ctrl-C; the reader went away."""
+
+JsonOption = Annotated[Path | None, Parameter(name="--json", help="Also write the result to this file, as JSON.")]
+
+PROGRESS_AFTER = 2.0
+"""[s] work that takes longer shows a progress bar, on a terminal."""
+
+
+def app(name: str, package: str, path: Iterable[str], description: str) -> App:
+    """A program whose commands are the files of `package`, which lies at `path`; none of them is imported."""
+    program = App(
+        name=name,
+        help=description,
+        help_format="plaintext",
+        version=_version,
+        version_flags=["--version"],
+        default_parameter=Parameter(negative=()),
+        result_action="return_value",
+        suppress_keyboard_interrupt=False,
+    )
+    files = {file.stem: file for folder in path for file in Path(folder).glob("*.py")}
+    for module in sorted(files):
+        if module.startswith("_") or module == "frame":
+            continue
+        text, examples = _help(files[module])
+        program.command(f"{package}.{module}:command", name=module.replace("_", "-"), help=text, help_epilogue=examples)
+    return program
+
+
+def run(program: App, argv: Sequence[str] | None = None) -> int:
+    """Run a program and return its exit code; every error that was raised on purpose is one message on stderr."""
+    try:
+        result = program(sys.argv[1:] if argv is None else list(argv), exit_on_error=False, print_error=False)
+        sys.stdout.flush()
+    except PcalibError as error:
+        return fail(str(error))
+    except CycloptsError as error:
+        return fail(_usage(program, error))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
+        return PIPE_CLOSED
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return fail(f"{where}{error.strerror or error}")
+    return OK if result is None else int(result)
+
+
+def fail(message: str) -> int:
+    """Say what is wrong on stderr; the exit code for bad input."""
+    print(f"error: {message}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def quantity(dimension: str, size: int = 1) -> Parameter:
+    """An option that carries its unit, as in ``--tool 0,0,-300mm``: ``Annotated[np.ndarray | None, quantity("length", 3)]``.
+
+    The command gets an array (size,) in SI.
+    """
+
+    def convert(_: type, tokens: Sequence[Any]) -> Any:
+        from pcalib import units
+        from pcalib.errors import InputError
+
+        option, text = tokens[0].keyword or "value", tokens[0].value
+        values = units.parse_quantity(text, dimension, option=option)
+        if len(values) != size:
+            raise InputError(f"{option} '{text}' needs {size} number{'s' * (size > 1)}, not {len(values)}")
+        return values
+
+    shape = ",".join("N" * size) + "<unit>"
+    return Parameter(converter=convert, n_tokens=1, allow_leading_hyphen=True, accepts_keys=False, metavar=shape)
+
+
+def write_json(path: Path | None, content: Mapping[str, Any]) -> None:
+    """Write JSON atomically, arrays as lists and what is not finite as null; nothing where `path` is None."""
+    if path is None:
+        return
+    from pcalib import files
+
+    files.write_text(path, json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # arrays and scalars of NumPy
+        value = value.tolist()
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value
+
+
+def say(text: str = "") -> None:
+    """Print a paragraph, wrapped on a terminal and in one piece elsewhere."""
+    width = _console().width
+    for paragraph in text.split("\n"):
+        indent = " " * (len(paragraph) - len(paragraph.lstrip()) + (2 if paragraph.lstrip().startswith("- ") else 0))
+        print(textwrap.fill(paragraph, width, subsequent_indent=indent, break_long_words=False) if paragraph else "")
+
+
+def show_table(header: Sequence[str], rows: Iterable[Sequence[object]], *, title: str = "") -> None:
+    """Print a table; columns of numbers stand to the right."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    cells = [["" if cell is None else str(cell) for cell in row] for row in rows]
+    out = Table(box=box.SIMPLE_HEAD, title=Text(title, style="bold") if title else None, title_justify="left", pad_edge=False)
+    for i, name in enumerate(header):
+        right = bool(cells) and all(row[i][:1] in "+-−0123456789.–" for row in cells)  # '' is in any string
+        out.add_column(Text(name), justify="right" if right else "left")
+    for row in cells:
+        out.add_row(*(Text(cell) for cell in row))
+    _console().print(out)
+
+
+@contextmanager
+def progress(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
+    """A progress bar on stderr, shown only on a terminal and only for work that takes a while.
+
+    Yields a function ``advance(n=1)`` to call after every step.
+    """
+    bar: Any = None
+    task: Any = None
+    begun, done = time.monotonic(), 0
+
+    def advance(n: int = 1) -> None:
+        nonlocal bar, task, done
+        done += n
+        if bar is None and sys.stderr.isatty() and time.monotonic() - begun > PROGRESS_AFTER:
+            from rich.console import Console
+            from rich.progress import Progress
+
+            bar = Progress(console=Console(stderr=True), transient=True)
+            task = bar.add_task(what, total=total)
+            bar.start()
+        if bar is not None:
+            bar.update(task, completed=done)
+
+    try:
+        yield advance
+    finally:
+        if bar is not None:
+            bar.stop()
+
+
+def _console() -> Any:
+    from rich.console import Console
+
+    # A pipe or file gets whole lines: nothing is cut or wrapped to a width that nobody has.
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 1000)
+
+
+def _version() -> str:
+    from importlib import metadata
+
+    try:
+        return metadata.version("pcalib")
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _help(source: Path) -> tuple[str, str]:
+    """Help text and examples of a command, from its docstrings, without importing it."""
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    summary, _, examples = (ast.get_docstring(tree) or "").partition("\n\n")
+    function = next((n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == "command"), None)
+    described = (ast.get_docstring(function) if function else None) or ""
+    about = described.partition("\n\n")[2]
+    for section in ("Args:", "Returns:", "Raises:"):
+        about = about.partition(section)[0]
+    text = "\n\n".join(part for part in (" ".join(summary.split()), about.strip()) if part)
+    return text, f"Examples:\n{textwrap.indent(inspect.cleandoc(examples), '  ')}" if examples.strip() else ""
+
+
+def _usage(program: App, error: CycloptsError) -> str:
+    """One clear message for wrong usage, with the command to ask for help."""
+    chain = " ".join(error.command_chain or ())
+    message = str(error).strip()
+    if isinstance(error, UnusedCliTokensError):
+        message = f"unexpected argument '{(error.unused_tokens or [''])[0]}'"
+    elif isinstance(error, UnknownCommandError):
+        names = [n for n in program if not n.startswith("-")]
+        given = (error.unused_tokens or [""])[0]
+        message = f"unknown option '{given}'" if given.startswith("-") else unknown("command", given, names)
+    name = f"{program.name[0]} {chain}".strip()
+    return f"{message}\n  see {name} --help"
