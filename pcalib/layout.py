@@ -56,13 +56,15 @@ class Layout:
         """(n,) where the numbers of these tags stand."""
         return np.array([self.names.index(f"{symbol}{tag}") for tag in tags])
 
-    def level(self, name: str, columns: Mapping[str, tuple[str, Mapping[str, float]]]) -> Level:
+    def level(
+        self, name: str, columns: Mapping[str, tuple[str, Mapping[str, float]]], perfect: bool = False
+    ) -> Level:
         """A level whose coordinates are the `columns`: name → (unit, parameter → change per unit of the coordinate)."""
         basis = np.zeros((len(self.names), len(columns)))
         for j, (_, entries) in enumerate(columns.values()):
             for parameter, change in entries.items():
                 basis[self.names.index(parameter), j] += change
-        return Level(name, tuple(columns), basis, tuple(unit for unit, _ in columns.values()))
+        return Level(name, tuple(columns), basis, tuple(unit for unit, _ in columns.values()), perfect)
 
     def nominal_level(self) -> Level:
         """Nothing varies."""

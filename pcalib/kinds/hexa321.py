@@ -1,0 +1,101 @@
+"""The 321-Hexa: a Hexa whose rods meet the plate three in one point, two in another and one in a third (Bruyninckx).
+
+Three spheres give the first point, then two the second and one the third: a closed form for forward kinematics. The
+coincident points are initial values only: every rod keeps its own plate point, and calibration may move them apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from pcalib import rotation
+from pcalib.kinds import Kind, table
+from pcalib.kinds.hexa import ARMS, arms, six_arms
+from pcalib.layout import Block, Layout
+from pcalib.mechanism import Mechanism, Pose
+
+POINT = np.array([0, 0, 0, 1, 1, 2])
+"""Which of the three plate points each rod meets."""
+
+
+def build(dimensions: Mapping[str, Any]) -> Mechanism:
+    """A 321-Hexa from its nominal dimensions, 78 raw parameters p(18) a(18) b(18) l(6) beta(18)."""
+    azimuth = table(dimensions, "axis_azimuth", 6)
+    at = table(dimensions, "point_azimuth", 3)
+    u = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1)
+    v = np.stack([-np.sin(azimuth), np.cos(azimuth), 0 * azimuth], axis=-1)
+    points = dimensions["plate_radius"] * np.stack([np.cos(at), np.sin(at), 0 * at], axis=-1)
+    layout = Layout.of(
+        Block("p", ARMS, dimensions["base_radius"] * v),
+        Block("a", ARMS, np.tile([0.0, dimensions["arm_length"], 0.0], (6, 1))),
+        Block("b", ARMS, points[POINT]),
+        Block("l", ARMS, np.full(6, dimensions["rod_length"])),
+        Block("beta", ARMS, np.zeros((6, 3)), "rad"),
+    )
+    actuation = arms(layout, azimuth)
+    plate_columns = layout.vectors("b", ARMS)
+
+    def start(k: np.ndarray, q: np.ndarray) -> Pose:
+        return _three_two_one(actuation.base(k, q).A, k[actuation.length], k[plate_columns])
+
+    return six_arms("hexa321", layout, actuation, u, start)
+
+
+def _three_two_one(A: np.ndarray, length: np.ndarray, b: np.ndarray) -> Pose:
+    """The plate pose that puts rods 1–3 in one point, 4–5 in another and 6 in a third; each sign is the working branch's.
+
+    Args:
+        A: (N, 6, 3) [m] base-side anchors.
+        length: (6,) [m].
+        b: (6, 3) [m] plate-side anchors, of which the means of those that should coincide are used.
+    """
+    corner = np.stack([b[:3].mean(axis=0), b[3:5].mean(axis=0), b[5]])
+    side = np.linalg.norm(corner - corner[[1, 2, 0]], axis=-1)  # 12, 23, 31
+    P1 = _trilaterate(A[:, 0], A[:, 1], A[:, 2], length[0], length[1], length[2])
+    P2 = _trilaterate(P1, A[:, 3], A[:, 4], side[0], length[3], length[4])
+    P3 = _trilaterate(P1, P2, A[:, 5], side[2], side[1], length[5])
+    found = _triad(P1, P2, P3)
+    R = found @ np.swapaxes(_triad(*(c[None] for c in corner)), -1, -2)
+    x = P1 - (R @ corner[0])
+    return Pose(x, R, np.zeros((len(x), 0)))
+
+
+def _triad(P1: np.ndarray, P2: np.ndarray, P3: np.ndarray) -> np.ndarray:
+    """Axes along P1P2 and normal to the three points, as columns, (N, 3, 3)."""
+    e = (P2 - P1) / np.linalg.norm(P2 - P1, axis=-1, keepdims=True)
+    n = rotation.cross(e, P3 - P1)
+    n = n / np.linalg.norm(n, axis=-1, keepdims=True)
+    return np.stack([e, rotation.cross(n, e), n], axis=-1)
+
+
+def _trilaterate(
+    c1: np.ndarray, c2: np.ndarray, c3: np.ndarray, r1: float, r2: float, r3: float
+) -> np.ndarray:
+    """The lower of the two points at distances r from three centres (N, 3), NaN where there is none."""
+    e, f = c2 - c1, c3 - c1
+    ee, ff, ef = np.sum(e * e, -1), np.sum(f * f, -1), np.sum(e * f, -1)
+    ge, gf = 0.5 * (ee + r1**2 - r2**2), 0.5 * (ff + r1**2 - r3**2)
+    det = ee * ff - ef * ef
+    foot = ((ge * ff - gf * ef) / det)[:, None] * e + ((gf * ee - ge * ef) / det)[:, None] * f
+    normal = rotation.cross(e, f) / np.sqrt(det)[:, None]
+    normal = normal * -np.sign(normal[:, 2:])
+    with np.errstate(invalid="ignore"):
+        height = np.sqrt(r1**2 - np.sum(foot * foot, axis=-1))
+    return c1 + foot + height[:, None] * normal
+
+
+KIND = Kind(
+    name="hexa321",
+    dimensions={
+        "base_radius": "length",
+        "arm_length": "length",
+        "rod_length": "length",
+        "plate_radius": "length",
+        "axis_azimuth[]": "angle",
+        "point_azimuth[]": "angle",
+    },
+    build=build,
+)
