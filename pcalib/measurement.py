@@ -261,7 +261,7 @@ def _put_sigma(data: Measurements, key: str, axes: slice, head: dict[str, str], 
 
 
 def _mask(position: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    turned = ~np.isnan(turn).any(axis=(1, 2))
+    turned = ~np.isnan(turn.reshape(len(turn), 9)).any(axis=1)
     return np.concatenate([~np.isnan(position), np.repeat(turned[:, None], 3, axis=1)], axis=1)
 
 
