@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgesv, dgetrf
 
 TOLERANCE = 1e-12
 """[m] loop error of a closed pose."""
@@ -32,6 +32,8 @@ class Closed:
     iterations: int
     orientation: float
     """Sign of det J of the free joints: it changes across singular poses and so marks the assembly mode."""
+    ok: bool
+    """Whether the loops are closed."""
 
 
 class Loops:
@@ -74,18 +76,18 @@ class Loops:
             f, J = self.evaluate()
             residual = math.sqrt(f.dot(f))
             if residual <= tolerance:
-                return Closed(residual, iteration, _sign_of_determinant(lu, pivots))
+                if lu is None:
+                    lu, pivots, _ = dgetrf(J.take(self.free, axis=1))
+                return Closed(residual, iteration, _sign_of_determinant(lu, pivots), True)
             if not math.isfinite(residual) or iteration == max_iterations:
                 break
             lu, pivots, step, info = dgesv(J.take(self.free, axis=1), -f)
             if info != 0:
                 break
             self.move(step)
-        return Closed(residual, iteration, 0.0)
+        return Closed(residual, iteration, 0.0, False)
 
 
-def _sign_of_determinant(lu: np.ndarray | None, pivots: np.ndarray | None) -> float:
-    if lu is None or pivots is None:
-        return 0.0
+def _sign_of_determinant(lu: np.ndarray, pivots: np.ndarray) -> float:
     odd = (np.count_nonzero(pivots != np.arange(len(pivots))) + np.count_nonzero(np.diagonal(lu) < 0)) % 2
     return -1.0 if odd else 1.0

@@ -1,0 +1,81 @@
+"""Robot kinds of the bench: one file each, which brings the kind's MJCF and says what stands where in it.
+
+A file of this folder that defines ``KIND`` is a kind. The rest of the bench finds its way by these names:
+
+    base            body, fixed to the world; everything but the plate hangs on it
+    q1 …            driven joints, the names of the robot's actuators
+    rod<r>          body at the base-side anchor of rod r, on hinges rod<r>.x and rod<r>.y; the rod runs along its −z
+    tip<r>          body at the far end of the rod, with a site end<r>
+    b<r>            site of the plate-side anchor; a connect joins it to end<r>
+    plate           body on a free joint; tool and payload are bodies on it
+
+Spatial tendons may stand in for rod bodies in a further variant, between sites a<r> and b<r>.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from bench.geometry import Place
+from pcalib.errors import InputError, unknown
+from pcalib.robot import Robot
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+
+
+@dataclass(frozen=True)
+class Home:
+    """A pose in the middle of the working branch, good to a few centimetres; every solution grows from it."""
+
+    q: np.ndarray
+    """(nq,) actuator values [rad or m]."""
+    x: np.ndarray
+    """(3,) [m] plate position."""
+    R: np.ndarray
+    """(3, 3) plate orientation."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to model the kind."""
+
+    spec: Callable[[Robot], mujoco.MjSpec]
+    """Editable model with the masses and joint ranges of a robot file; its geometry is written afterwards."""
+    places: Callable[[Robot], tuple[Place, ...]]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the bench needs to know of a robot kind."""
+
+    name: str
+    variants: Mapping[str, Variant]
+    """'rods' (bodies; what faults build on) and further cross-checks."""
+    home: Callable[[Robot], Home]
+    max_tilt: float = 0.3
+    """[rad] a plate turned further than this from its home orientation is on a wrong branch; inf: not checked."""
+    rods_down: bool = True
+    """Whether every rod runs downwards on the working branch."""
+
+
+def names() -> list[str]:
+    """The kinds that exist, by file name."""
+    return sorted(m.name for m in pkgutil.iter_modules(__path__))
+
+
+def get(name: str) -> Kind:
+    """The kind of that name.
+
+    Raises:
+        InputError: the bench has no model of it.
+    """
+    if name not in names():
+        raise InputError(unknown("robot kind", name, names()), remedy="the virtual robot has no MuJoCo model of it")
+    return importlib.import_module(f"{__name__}.{name}").KIND

@@ -1,0 +1,197 @@
+"""The virtual robot: commands in, poses out, by MuJoCo alone.
+
+    machine = Machine(robot, values)             # a robot file, and the true values of its geometric parameters
+    landing = machine.land(q, tool=[0, 0, -0.3]) # joint commands (N, nq) [rad] → poses, TCPs and a status per row
+
+A machine is one compiled MjModel. The order of things for one row, and what a fault (bench/faults/) may change:
+
+1. geometry   parameter values of this row             thermal growth
+2. shaft      where the motor shafts really are        encoder, gear
+3. prepare    base, gravity, springs and forces        base drift, tilt, payload
+4. solve      closed loops; with springs, equilibrium  whatever joints a fault has built into the MjSpec
+5. settle     sides of gaps by load, then 4 again      backlash, clearance
+6. reading    what an instrument would see             creep of the tool mount
+
+Every row is solved from the same home pose, so that no row depends on another: any split over workers gives the same
+bits. Newton starts at home with the motors moved; where that ends on another branch, or nowhere, the motors are
+walked there in small steps before the pose is given up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from bench import kinds
+from bench.closing import Closed, Loops
+from bench.commands import Commands, Landing
+from bench.geometry import Geometry
+from pcalib.errors import InputError, ReachError, unknown
+from pcalib.robot import Robot
+
+WALKS = (4, 24)
+"""Steps from home to the command when the direct way fails."""
+JOINT_SLACK = 1e-9
+"""[rad or m] by which a command may pass a joint limit: rounding of files."""
+
+
+class Machine:
+    """One robot of given true geometry.
+
+    Args:
+        robot: nominal robot.
+        values: true parameters, by name (others nominal) or as a vector (nk,) in the robot's order [m, rad].
+        variant: which model of the kind, 'rods' or a cross-check such as 'tendons'.
+
+    Raises:
+        InputError: unknown parameter or variant.
+        ReachError: such a robot cannot be assembled in its home pose.
+    """
+
+    def __init__(
+        self, robot: Robot, values: Mapping[str, float] | np.ndarray | None = None, *, variant: str = "rods"
+    ):
+        self.robot = robot
+        self.kind = kinds.get(robot.kind)
+        if variant not in self.kind.variants:
+            raise InputError(unknown("variant", variant, self.kind.variants))
+        maker = self.kind.variants[variant]
+        spec = maker.spec(robot)
+        for key in spec.keys:
+            spec.delete(key)
+        self.model = spec.compile()
+        self.loops = Loops(self.model, robot.mechanism.actuators)
+        self.geometry = Geometry(self.model, robot.mechanism.parameters, maker.places(robot))
+        self.k = parameter_vector(robot, values)
+        """(nk,) true geometry."""
+
+        model, rods = self.model, robot.mechanism.rods
+        self._plate, self._tool = model.body("plate").id, model.body("tool").id
+        self._plate_sites = [model.site(f"b{r}").id for r in rods]
+        self._bodies = variant_has_rod_bodies(model, rods)
+        self._anchors = [model.body(f"rod{r}").id if self._bodies else model.site(f"a{r}").id for r in rods]
+        self._go_home()
+
+    # -- solving -------------------------------------------------------------------------------------------------
+
+    def _go_home(self) -> None:
+        """Assemble the robot in its home pose: rods aimed at the plate, then Newton, nominal first and then true."""
+        home = self.kind.home(self.robot)
+        model, data, loops = self.model, self.loops.data, self.loops
+        plate = model.joint("plate").qposadr[0]
+        data.qpos[loops.driven_qpos] = home.q
+        data.qpos[plate : plate + 3] = home.x
+        mujoco.mju_mat2Quat(data.qpos[plate + 3 : plate + 7], home.R.ravel())
+        self._home_q, self._home_R, self._home_sign = home.q, home.R, 0.0
+        for k in (self.robot.mechanism.nominal, self.k):
+            self.geometry.write(k)
+            if self._bodies:
+                self._aim_rods()
+            closed = loops.close()
+            self._home_sign = closed.orientation
+            if not self._fits(closed):
+                raise ReachError(
+                    f"the robot '{self.robot.name}' with this geometry cannot be assembled in its home pose, joints at "
+                    f"{', '.join(f'{v:.4g}' for v in home.q)}: check the geometric errors and the robot file"
+                )
+        self._home = data.qpos.copy()
+
+    def _aim_rods(self) -> None:
+        """Turn every rod's two hinges so that it points at its plate anchor."""
+        model, data = self.model, self.loops.data
+        names = self.robot.mechanism.rods
+        hinges = np.array([[model.joint(f"rod{r}.{axis}").qposadr[0] for axis in "xy"] for r in names])
+        data.qpos[hinges] = 0.0
+        mujoco.mj_kinematics(model, data)
+        to_plate = data.site_xpos[self._plate_sites] - data.xpos[self._anchors]
+        frames = data.xmat[self._anchors].reshape(-1, 3, 3)
+        d = np.einsum("rji,rj->ri", frames, to_plate)
+        d /= np.linalg.norm(d, axis=1, keepdims=True)
+        # Rx(α)·Ry(γ)·(0, 0, −1) = (−sin γ, sin α cos γ, −cos α cos γ)
+        data.qpos[hinges[:, 0]] = np.arctan2(d[:, 1], -d[:, 2])
+        data.qpos[hinges[:, 1]] = -np.arcsin(np.clip(d[:, 0], -1, 1))
+
+    def _fits(self, closed: Closed) -> bool:
+        """Whether the pose in `data` is closed and on the working branch: guards that need no kinematic model."""
+        if not closed.ok or closed.orientation != self._home_sign:
+            return False
+        data = self.loops.data
+        if self.kind.rods_down:
+            top = (data.xpos if self._bodies else data.site_xpos)[self._anchors, 2]
+            if (data.site_xpos[self._plate_sites, 2] >= top).any():
+                return False
+        cosine = 0.5 * (data.xmat[self._plate].dot(self._home_R.ravel()) - 1.0)
+        return self.kind.max_tilt > np.pi or cosine >= np.cos(self.kind.max_tilt)
+
+    def _solve(self, theta: np.ndarray) -> str:
+        """Bring `data` to the pose for driven joints at theta; its status."""
+        loops, data = self.loops, self.loops.data
+        data.qpos[:] = self._home
+        data.qpos[loops.driven_qpos] = theta
+        closed = loops.close()
+        if self._fits(closed):
+            return "ok"
+        for steps in WALKS:
+            data.qpos[:] = self._home
+            for s in range(1, steps + 1):
+                data.qpos[loops.driven_qpos] = self._home_q + (theta - self._home_q) * (s / steps)
+                closed = loops.close()
+                if not self._fits(closed):
+                    break
+            else:
+                return "ok"
+        return "wrong_branch" if closed.ok else "not_converged"
+
+    # -- use -----------------------------------------------------------------------------------------------------
+
+    def run(self, commands: Commands) -> Landing:
+        """Carry out commands one by one.
+
+        Nothing is raised for a pose that cannot be reached: its status says why, and its pose is NaN.
+        """
+        low, high = self.robot.joint_range
+        n, data = len(commands), self.loops.data
+        status = np.full(n, "ok", dtype="<U13")
+        status[((commands.q < low - JOINT_SLACK) | (commands.q > high + JOINT_SLACK)).any(axis=1)] = "joint_limit"
+        status[~np.isfinite(commands.q).all(axis=1)] = "not_converged"
+        x, R, flange, turn = np.full((n, 3), np.nan), np.full((n, 9), np.nan), np.full((n, 3), np.nan), np.full((n, 9), np.nan)
+        for row in np.flatnonzero(status == "ok"):
+            status[row] = self._solve(commands.q[row])
+            if status[row] == "ok":
+                x[row], R[row] = data.xpos[self._plate], data.xmat[self._plate]
+                flange[row], turn[row] = data.xpos[self._tool], data.xmat[self._tool]
+        tcp = flange + (turn.reshape(n, 3, 3) @ commands.tool[:, :, None])[:, :, 0]
+        return Landing(x, R.reshape(n, 3, 3), tcp, status)
+
+    def land(self, q: np.ndarray, tool: np.ndarray | float = 0.0) -> Landing:
+        """Poses and TCPs for joint commands (N, nq) [rad or m] with a tool (3,) or (N, 3) [m, plate frame]."""
+        return self.run(Commands.of(q, tool))
+
+
+def variant_has_rod_bodies(model: mujoco.MjModel, rods: tuple[str, ...]) -> bool:
+    """Whether rods are bodies (else tendons)."""
+    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"rod{rods[0]}") >= 0
+
+
+def parameter_vector(robot: Robot, values: Mapping[str, float] | np.ndarray | None) -> np.ndarray:
+    """The vector k (nk,) [m, rad] of named values, others nominal.
+
+    Raises:
+        InputError: a name that the robot does not have, or a vector of another length.
+    """
+    mechanism = robot.mechanism
+    if values is None:
+        return mechanism.nominal.copy()
+    if isinstance(values, Mapping):
+        k = mechanism.nominal.copy()
+        for name, value in values.items():
+            if name not in mechanism.parameters:
+                raise InputError(unknown("geometric parameter", name, mechanism.parameters))
+            k[mechanism.parameters.index(name)] = value
+        return k
+    k = np.array(values, float)
+    if k.shape != mechanism.nominal.shape:
+        raise InputError(f"{k.size} parameter values for a robot that has {mechanism.nominal.size}")
+    return k
