@@ -159,6 +159,8 @@ class Mechanism:
     hinges: tuple[HingeColumns, ...] = ()
     body: np.ndarray | None = None
     """(m,) plate body of each rod: 0 the central one, h the one on hinge h; None where there is but one."""
+    combinations: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Sums of parameters that are reported beside them, e.g. the paper's merged bp11.x = b11.x − p1.x."""
     rod_side: int = -1
     """Sign of every rod's z direction on the working branch, seen from base to plate; 0: not checked."""
     plate_signs: np.ndarray | None = None

@@ -74,9 +74,14 @@ def situation(model: Model, q: np.ndarray, pose: Pose, conditions: Conditions, d
     mechanism = model.robot.mechanism
     at = kinematics.closure(mechanism, model.k, q, pose, deviation=deviation)
     loads = statics.loads(model.robot, model.k, q, pose, conditions.tool, conditions.payload, at)
+    measured = None
+    if model.frame is not None:
+        point = pose.tcp(conditions.tool + model.frame.offset)
+        measured = point @ model.frame.rotation.T + model.frame.translation
     return Situation(
         robot=model.robot, q=q, pose=pose, rods=at.n, arms=at.side.dA, tension=loads.tension, torque=loads.torque,
         tool=conditions.tool, payload=conditions.payload, columns=conditions.columns, k=model.k,
+        position=measured, partners=tuple((f.effect, f.theta) for f in model.effects),
     )  # fmt: skip
 
 

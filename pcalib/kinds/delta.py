@@ -66,6 +66,9 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         actuation=actuation,
         plate_columns=plate_columns,
         levels=_levels(tuple(parameters), units, u, a[:, 0]),
+        combinations={
+            f"bp{pair}.{axis}": {f"b{pair}.{axis}": 1.0, f"p{pair[0]}.{axis}": -1.0} for pair in pairs for axis in _AXES
+        },
         closed_form_inverse=True,
         start=lambda k, q: simplified_pose(actuation, plate_columns, k, q),
     )

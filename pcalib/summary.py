@@ -1,0 +1,123 @@
+"""What a fit says, as stable JSON and as the rows of its table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pcalib.identification import Accuracy, Fit
+
+
+def _micro(value: float) -> float | None:
+    return float(value * 1e6) if np.isfinite(value) else None
+
+
+def _accuracy(a: Accuracy) -> dict[str, Any]:
+    return {
+        "rms_pos_um": _micro(a.rms_pos),
+        "max_pos_um": _micro(a.max_pos),
+        "rms_rot_urad": _micro(a.rms_rot),
+        "chi2_dof": float(a.chi2_dof) if np.isfinite(a.chi2_dof) else None,
+        "rows": a.n_rows,
+    }
+
+
+def fit_json(fit: Fit) -> dict[str, Any]:
+    """The JSON of a fit, `pcalib.fit/1`."""
+    model = fit.candidate
+    mechanism = model.robot.mechanism
+    sigma = model.sigma if model.sigma is not None else np.full(len(model.k), np.nan)
+    parameters = {
+        name: {
+            "nominal": float(mechanism.nominal[i]),
+            "value": float(model.k[i]),
+            "sigma": float(sigma[i]) if np.isfinite(sigma[i]) else None,
+            "unit": mechanism.units[i],
+        }
+        for i, name in enumerate(mechanism.parameters)
+    }
+    g = fit.unknowns.n_geometry
+    if not fit.unknowns.level.raw:
+        for j, name in enumerate(fit.unknowns.names[:g]):
+            unit = fit.unknowns.level.units[fit.unknowns.level.columns.index(name)]
+            parameters[name] = {
+                "nominal": 0.0,
+                "value": float(fit.estimate[j]),
+                "sigma": float(np.sqrt(fit.covariance[j, j])),
+                "unit": unit,
+            }
+    return {
+        "schema": "pcalib.fit/1",
+        "level": model.level,
+        "method": fit.method,
+        "status": fit.status,
+        "reason": fit.reason or None,
+        "effects": [
+            {
+                "effect": f.effect.name,
+                "spec": f.spec or f.effect.name,
+                "parameters": {
+                    p.name: {"value": float(f.theta[i]), "sigma": _at(f.sigma, i), "shown_in": p.unit}
+                    for i, p in enumerate(f.effect.parameters)
+                },
+            }
+            for f in model.effects
+        ],
+        "n_identified": fit.n_identified,
+        "n_expected": fit.expected,
+        **_accuracy(fit.fit),
+        "check": _accuracy(fit.check) if fit.check else None,
+        "prior_scale": fit.prior_scale,
+        "iterations": fit.iterations,
+        "parameters": parameters,
+        "combinations": combinations(fit),
+        "unidentifiable": fit.identifiability.sentences(),
+        "warnings": list(fit.warnings),
+    }
+
+
+def _at(values: np.ndarray | None, i: int) -> float | None:
+    return float(values[i]) if values is not None and np.isfinite(values[i]) else None
+
+
+def combinations(fit: Fit) -> dict[str, dict[str, Any]]:
+    """Values and σ of the kind's merged parameters, e.g. the paper's bp11.x = b11.x − p1.x."""
+    mechanism = fit.candidate.robot.mechanism
+    g = fit.unknowns.n_geometry
+    basis, C = fit.unknowns.basis, fit.covariance[:g, :g]
+    out = {}
+    for name, mix in mechanism.combinations.items():
+        row = np.zeros(len(mechanism.nominal))
+        for parameter, factor in mix.items():
+            row[mechanism.index(parameter)] = factor
+        through = row @ basis
+        out[name] = {
+            "nominal": float(row @ mechanism.nominal),
+            "value": float(row @ fit.candidate.k),
+            "sigma": float(np.sqrt(max(through @ C @ through, 0.0))) if g else None,
+            "unit": mechanism.units[mechanism.index(next(iter(mix)))],
+        }
+    return out
+
+
+def statistics(fit: Fit) -> dict[str, Any]:
+    """The figures a model file keeps of its fit."""
+    found: dict[str, Any] = {
+        "method": fit.method, "n_identified": fit.n_identified, "prior_scale": fit.prior_scale, **_accuracy(fit.fit),
+    }  # fmt: skip
+    if fit.check:
+        found["check"] = _accuracy(fit.check)
+    return found
+
+
+def headline(fit: Fit) -> str:
+    """The outcome in one sentence."""
+    a = fit.fit
+    text = f"Level {fit.candidate.level} explains {a.n_rows} poses to {a.rms_pos * 1e6:.1f} µm RMS"
+    if np.isfinite(a.chi2_dof):
+        ratio = np.sqrt(a.chi2_dof)
+        text += " (at the noise)" if ratio < 1.15 else f" ({ratio:.1f}× the stated noise)"
+    if fit.check:
+        text += f"; {fit.check.n_rows} held-out poses: {fit.check.rms_pos * 1e6:.1f} µm"
+    return text + "."
