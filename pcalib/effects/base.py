@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -172,8 +172,10 @@ class Contribution:
 class Effect(Protocol):
     """An effect of the library or of the user's own; a frozen dataclass."""
 
-    name: ClassVar[str]
-    """The name in files and options."""
+    @property
+    def name(self) -> str:
+        """The name in files and options."""
+        ...
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
