@@ -1,0 +1,65 @@
+"""Calibration of parallel robots built of rods: identify every rod, compensate the command, find the missing physics.
+
+    robot = pcalib.load_robot("models/delta.toml")
+    data = pcalib.load_measurements("data.csv", robot)
+    fit = pcalib.fit(data, robot, "complete")
+    commands = pcalib.compensate(fit.model, targets, tool=[0, 0, -0.3])
+
+The names below are the public interface; everything else may change. They are imported when first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from pcalib.compensation import Commands as Commands
+    from pcalib.compensation import compensate as compensate
+    from pcalib.errors import PcalibError as PcalibError
+    from pcalib.identification import Fit as Fit
+    from pcalib.identification import fit as fit
+    from pcalib.measurement import Measurements as Measurements
+    from pcalib.measurement import load as load_measurements
+    from pcalib.measurement import save as save_measurements
+    from pcalib.model import Model as Model
+    from pcalib.modelfile import load as load_model
+    from pcalib.modelfile import save as save_model
+    from pcalib.planning import plan as plan
+    from pcalib.prediction import Conditions as Conditions
+    from pcalib.prediction import predict as predict
+    from pcalib.robot import Robot as Robot
+    from pcalib.robot import load as load_robot
+
+_PUBLIC = {
+    "Commands": ("compensation", "Commands"),
+    "Conditions": ("prediction", "Conditions"),
+    "Fit": ("identification", "Fit"),
+    "Measurements": ("measurement", "Measurements"),
+    "Model": ("model", "Model"),
+    "PcalibError": ("errors", "PcalibError"),
+    "Robot": ("robot", "Robot"),
+    "compensate": ("compensation", "compensate"),
+    "fit": ("identification", "fit"),
+    "load_measurements": ("measurement", "load"),
+    "load_model": ("modelfile", "load"),
+    "load_robot": ("robot", "load"),
+    "plan": ("planning", "plan"),
+    "predict": ("prediction", "predict"),
+    "save_measurements": ("measurement", "save"),
+    "save_model": ("modelfile", "save"),
+}
+__all__ = ["__version__", *_PUBLIC]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'pcalib' has no attribute '{name}'; public names: {', '.join(sorted(_PUBLIC))}")
+    module, attribute = _PUBLIC[name]
+    return getattr(importlib.import_module(f"pcalib.{module}"), attribute)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
