@@ -18,7 +18,18 @@ from pcalib.errors import EffectError, unknown
 from pcalib.mechanism import Pose
 from pcalib.robot import Robot
 
-__all__ = ["Contribution", "Effect", "EffectParameter", "Situation", "basis", "get", "missing", "names", "parse", "situation"]
+__all__ = [
+    "Contribution",
+    "Effect",
+    "EffectParameter",
+    "Situation",
+    "basis",
+    "get",
+    "missing",
+    "names",
+    "parse",
+    "situation",
+]
 
 
 @lru_cache(maxsize=1)
@@ -36,7 +47,9 @@ def names() -> list[str]:
     return list(_library())
 
 
-def get(name: str, per: str | None = None, robot: Robot | None = None, cycles: Sequence[int] | None = None) -> LibraryEffect:
+def get(
+    name: str, per: str | None = None, robot: Robot | None = None, cycles: Sequence[int] | None = None
+) -> LibraryEffect:
     """An effect of the library, fitted to a robot.
 
     Args:

@@ -25,7 +25,6 @@ class ArmBending(PlacedEffect):
     compliance; the lateral one is not.
     """
 
-    name: ClassVar[str] = "arm_bending"
     title: ClassVar[str] = "arms bend under load"
     channels: ClassVar[tuple[str, ...]] = ("elbow",)
     wants: ClassVar[tuple[str, ...]] = ("payload",)

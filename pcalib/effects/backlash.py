@@ -16,7 +16,6 @@ class Backlash(PlacedEffect):
     Where the direction is absent or 0, the load chooses the side: δq_i = (b/2)·sign τ_i. Gears have 1–3 arcmin.
     """
 
-    name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "play in the drives"
     channels: ClassVar[tuple[str, ...]] = ("actuator",)
     wants: ClassVar[tuple[str, ...]] = ("direction of motion",)

@@ -156,7 +156,9 @@ class Contribution:
 
     def scaled(self, factor: float) -> Contribution:
         """All channels times a number."""
-        return Contribution(**{f.name: None if (a := getattr(self, f.name)) is None else factor * a for f in fields(self)})
+        return Contribution(
+            **{f.name: None if (a := getattr(self, f.name)) is None else factor * a for f in fields(self)}
+        )
 
     @property
     def channels(self) -> tuple[str, ...]:

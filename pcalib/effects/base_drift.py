@@ -16,7 +16,6 @@ class BaseDrift(LibraryEffect):
     A creeping tracker is an exact alias. Tenths of a millimetre in two hours of warm-up are usual.
     """
 
-    name: ClassVar[str] = "base_drift"
     title: ClassVar[str] = "the base or the tracker creeps with time"
     variants: ClassVar[tuple[str, ...]] = ("common",)
     channels: ClassVar[tuple[str, ...]] = ("base",)

@@ -16,7 +16,6 @@ class DriveCompliance(PlacedEffect):
     The arm moves the way its load turns it. Gearboxes have 41–120 kN·m/rad, belts about 15 (maker's data).
     """
 
-    name: ClassVar[str] = "drive_compliance"
     title: ClassVar[str] = "drives give way under load"
     channels: ClassVar[tuple[str, ...]] = ("actuator",)
     wants: ClassVar[tuple[str, ...]] = ("payload",)

@@ -14,7 +14,6 @@ from pcalib.mechanism import Mechanism
 class EncoderEccentricity(PlacedEffect):
     """δq_i = A·sin q_i + B·cos q_i [rad]. A disc of 50 mm that runs 10 µm off centre errs by 83″."""
 
-    name: ClassVar[str] = "encoder_eccentricity"
     title: ClassVar[str] = "encoder discs run off centre"
     channels: ClassVar[tuple[str, ...]] = ("actuator",)
     wants: ClassVar[tuple[str, ...]] = ("wide range of motor angles",)

@@ -14,7 +14,6 @@ from pcalib.mechanism import Mechanism
 class EncoderOvality(PlacedEffect):
     """δq_i = A·sin 2q_i + B·cos 2q_i [rad]. From an oval disc or a wobbling shaft; some ten arc seconds."""
 
-    name: ClassVar[str] = "encoder_ovality"
     title: ClassVar[str] = "encoder discs run oval"
     channels: ClassVar[tuple[str, ...]] = ("actuator",)
     wants: ClassVar[tuple[str, ...]] = ("wide range of motor angles",)

@@ -13,7 +13,6 @@ from pcalib.effects.library import PlacedEffect, drive_unit
 class FrictionHysteresis(PlacedEffect):
     """δq_i = −c·dir_i·|τ_i| [rad or m]: friction grows with the load and winds the drive up; about 10 µrad/(N·m)."""
 
-    name: ClassVar[str] = "friction_hysteresis"
     title: ClassVar[str] = "friction winds the drives up"
     channels: ClassVar[tuple[str, ...]] = ("actuator",)
     wants: ClassVar[tuple[str, ...]] = ("direction of motion", "payload")

@@ -13,7 +13,6 @@ from pcalib.effects.library import PlacedEffect
 class GearRatio(PlacedEffect):
     """δq_i = g·q_i, g dimensionless. More than 0.1 % suggests wrong units or a wrong tooth count."""
 
-    name: ClassVar[str] = "gear_ratio"
     title: ClassVar[str] = "the gear ratio is off"
     channels: ClassVar[tuple[str, ...]] = ("actuator",)
     wants: ClassVar[tuple[str, ...]] = ("wide range of motor angles",)

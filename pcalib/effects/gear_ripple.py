@@ -24,7 +24,6 @@ class GearRipple(PlacedEffect):
 
     cycles: tuple[int, ...] = (24,)
 
-    name: ClassVar[str] = "gear_ripple"
     title: ClassVar[str] = "gears ripple"
     channels: ClassVar[tuple[str, ...]] = ("actuator",)
     wants: ClassVar[tuple[str, ...]] = ("a fine sweep of motor angles", "ripple_per_turn in the robot file")
@@ -36,7 +35,9 @@ class GearRipple(PlacedEffect):
     @property
     def quantities(self) -> tuple[EffectParameter, ...]:
         return tuple(
-            EffectParameter(f"{part}{n}", "arcsec", 2e-4, -1e-2, 1e-2) for n in self.cycles for part in ("sine", "cosine")
+            EffectParameter(f"{part}{n}", "arcsec", 2e-4, -1e-2, 1e-2)
+            for n in self.cycles
+            for part in ("sine", "cosine")
         )
 
     def unsuited(self, mechanism: Mechanism) -> str:
@@ -49,7 +50,8 @@ class GearRipple(PlacedEffect):
         pairs = np.reshape(theta, (len(self.cycles), 2, -1))
         members = self.places.members(self.per)
         return "; ".join(
-            f"{n} per turn: amplitude {amplitude(pair, members, 'arcsec')}" for n, pair in zip(self.cycles, pairs, strict=True)
+            f"{n} per turn: amplitude {amplitude(pair, members, 'arcsec')}"
+            for n, pair in zip(self.cycles, pairs, strict=True)
         )
 
 

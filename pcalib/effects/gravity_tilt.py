@@ -18,7 +18,6 @@ class GravityTilt(LibraryEffect):
     and only where one of them is in the model.
     """
 
-    name: ClassVar[str] = "gravity_tilt"
     title: ClassVar[str] = "the robot hangs crooked in gravity"
     variants: ClassVar[tuple[str, ...]] = ("common",)
     channels: ClassVar[tuple[str, ...]] = ("actuator", "rod", "elbow", "tool")

@@ -11,9 +11,11 @@ from pcalib.effects.library import PlacedEffect
 
 
 class JointClearance(PlacedEffect):
-    """l_r → l_r + (c/2)·sign T_r [m], c > 0 the whole gap; 4–12 µm. Constant, so invisible, where no rod force reverses."""
+    """l_r → l_r + (c/2)·sign T_r [m], c > 0 the whole gap; 4–12 µm.
 
-    name: ClassVar[str] = "joint_clearance"
+    It is constant, and so invisible, where no rod force changes sign.
+    """
+
     title: ClassVar[str] = "play in the rod joints"
     variants: ClassVar[tuple[str, ...]] = ("common", "arm", "rod")
     channels: ClassVar[tuple[str, ...]] = ("rod",)

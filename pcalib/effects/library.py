@@ -52,7 +52,6 @@ class LibraryEffect:
     """'common', 'arm' or 'rod'."""
     places: Places = Places()
 
-    name: ClassVar[str]
     title: ClassVar[str]
     """What happens, in a technician's words."""
     variants: ClassVar[tuple[str, ...]] = ("common", "arm")
@@ -67,6 +66,11 @@ class LibraryEffect:
     def __post_init__(self) -> None:
         if self.per not in self.variants:
             raise EffectError(f"effect {self.name} has no variant '{self.per}'; accepted: {', '.join(self.variants)}")
+
+    @property
+    def name(self) -> str:
+        """The name in files and options: that of its file."""
+        return type(self).__module__.rpartition(".")[2]
 
     @property
     def spec(self) -> str:

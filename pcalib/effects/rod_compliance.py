@@ -13,7 +13,6 @@ from pcalib.effects.library import PlacedEffect, stiffness
 class RodCompliance(PlacedEffect):
     """δl_r = c·T_r with c = 1/k [m/N], T > 0 tension; k = EA/l is 10–50 N/µm with joints."""
 
-    name: ClassVar[str] = "rod_compliance"
     title: ClassVar[str] = "rods stretch under load"
     variants: ClassVar[tuple[str, ...]] = ("common", "arm", "rod")
     channels: ClassVar[tuple[str, ...]] = ("rod",)

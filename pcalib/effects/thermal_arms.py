@@ -15,9 +15,11 @@ REFERENCE = 20.0
 
 
 class ThermalArms(PlacedEffect):
-    """a_r → a_r·(1 + α·(T − 20 °C)), the whole vector: length and spacing grow together. Aluminium 23.6, CFRP 0–2 ppm/K."""
+    """a_r → a_r·(1 + α·(T − 20 °C)), the whole vector: length and spacing grow together.
 
-    name: ClassVar[str] = "thermal_arms"
+    Aluminium 23.6, CFRP 0–2 ppm/K.
+    """
+
     title: ClassVar[str] = "arms grow with temperature"
     channels: ClassVar[tuple[str, ...]] = ("elbow",)
     wants: ClassVar[tuple[str, ...]] = ("temperature",)

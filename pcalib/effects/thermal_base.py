@@ -16,7 +16,6 @@ REFERENCE = 20.0
 class ThermalBase(PlacedEffect):
     """p_i → p_i·(1 + α·(T − 20 °C)) about the base origin. Aluminium 23.6, steel 12 ppm/K."""
 
-    name: ClassVar[str] = "thermal_base"
     title: ClassVar[str] = "the base grows with temperature"
     variants: ClassVar[tuple[str, ...]] = ("common",)
     channels: ClassVar[tuple[str, ...]] = ("elbow",)

@@ -16,7 +16,6 @@ REFERENCE = 20.0
 class ThermalRods(PlacedEffect):
     """l_r → l_r·(1 + α·(T − 20 °C)). Aluminium 23.6, CFRP 0–2 ppm/K."""
 
-    name: ClassVar[str] = "thermal_rods"
     title: ClassVar[str] = "rods grow with temperature"
     variants: ClassVar[tuple[str, ...]] = ("common", "arm", "rod")
     channels: ClassVar[tuple[str, ...]] = ("rod",)

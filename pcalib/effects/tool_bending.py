@@ -20,7 +20,6 @@ class ToolBending(LibraryEffect):
     A vertical tool at rest does not bend: only tilted or sideways tools show it. The plate's rotation is not touched.
     """
 
-    name: ClassVar[str] = "tool_bending"
     title: ClassVar[str] = "the tool bends under the payload"
     variants: ClassVar[tuple[str, ...]] = ("common",)
     channels: ClassVar[tuple[str, ...]] = ("tool",)

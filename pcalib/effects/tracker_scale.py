@@ -16,7 +16,6 @@ class TrackerScale(LibraryEffect):
     A robot that is larger as a whole measures the same: without a length standard this is an exact alias.
     """
 
-    name: ClassVar[str] = "tracker_scale"
     title: ClassVar[str] = "the instrument's scale is off"
     variants: ClassVar[tuple[str, ...]] = ("common",)
     channels: ClassVar[tuple[str, ...]] = ("sensor",)

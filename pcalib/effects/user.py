@@ -36,7 +36,7 @@ class {classname}:
     needs = ()  # columns of the data that it uses, e.g. ("humidity",): at.columns["humidity"]
 
     def contribution(self, at, theta):
-        """What it adds to each motor angle [rad]; nothing at theta = 0. `at` also has torque, tension, payload, pose."""
+        """Added to each motor angle [rad], nothing at theta = 0; `at` also has torque, tension, payload, pose."""
         return Contribution(actuator=theta[0] * np.sin(40 * at.q))
 '''
 
@@ -85,7 +85,9 @@ class UserEffect:
         Raises:
             EffectError: it raises, or returns another type, a wrong shape, NaN or infinity.
         """
-        got = _call(self.file, f"{self.classname}.contribution", lambda: self.inner.contribution(at, np.array(theta, float)))
+        got = _call(
+            self.file, f"{self.classname}.contribution", lambda: self.inner.contribution(at, np.array(theta, float))
+        )
         return self._checked(got, at)
 
     def _checked(self, got: Any, at: Situation) -> Contribution:
@@ -242,7 +244,9 @@ def _tried(effect: UserEffect, robot: Robot) -> UserEffect:
     zero = effect.contribution(at, 0 * priors)
     for channel in zero.channels:
         if np.abs(getattr(zero, channel)).max() > 0:
-            raise effect._error(f"theta = 0 adds something to {channel}", "at zero it must leave the nominal robot alone")
+            raise effect._error(
+                f"theta = 0 adds something to {channel}", "at zero it must leave the nominal robot alone"
+            )
     a, b = (priors * rng.standard_normal(len(priors)) for _ in range(2))
     whole = effect.contribution(at, a)
     if not whole.channels:

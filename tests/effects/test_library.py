@@ -17,7 +17,25 @@ from pcalib.errors import EffectError
 from pcalib.mechanism import Pose
 
 ROBOT = robots.load(Path(__file__).parents[2] / "models" / "delta.toml")
-CONTRACT = ["drive_compliance", "rod_compliance", "arm_bending", "tool_bending", "backlash", "friction_hysteresis", "encoder_eccentricity", "encoder_ovality", "gear_ratio", "gear_ripple", "thermal_arms", "thermal_rods", "thermal_base", "joint_clearance", "base_drift", "tracker_scale", "gravity_tilt"]
+CONTRACT = [
+    "drive_compliance",
+    "rod_compliance",
+    "arm_bending",
+    "tool_bending",
+    "backlash",
+    "friction_hysteresis",
+    "encoder_eccentricity",
+    "encoder_ovality",
+    "gear_ratio",
+    "gear_ripple",
+    "thermal_arms",
+    "thermal_rods",
+    "thermal_base",
+    "joint_clearance",
+    "base_drift",
+    "tracker_scale",
+    "gravity_tilt",
+]
 VARIANTS = [(name, per) for name in effects.names() for per in effects.get(name).variants]
 
 
@@ -40,7 +58,9 @@ AT = make()
 
 
 def arrays(contribution: Contribution):
-    return {f.name: getattr(contribution, f.name) for f in fields(contribution) if getattr(contribution, f.name) is not None}
+    return {
+        f.name: getattr(contribution, f.name) for f in fields(contribution) if getattr(contribution, f.name) is not None
+    }
 
 
 def assert_same(a, b, **tolerance):
@@ -98,7 +118,9 @@ class TestEvery:
         for j, parameter in enumerate(effect.parameters):
             h = 1e-4 * parameter.prior
             step = h * np.eye(len(theta))[j]
-            slope = (effect.contribution(AT, theta + step) + effect.contribution(AT, theta - step).scaled(-1)).scaled(0.5 / h)
+            slope = (effect.contribution(AT, theta + step) + effect.contribution(AT, theta - step).scaled(-1)).scaled(
+                0.5 / h
+            )
             for channel, value in arrays(slope).items():
                 got = getattr(columns[j], channel)
                 np.testing.assert_allclose(got, value, atol=1e-5 * np.abs(value).max() + 1e-12, rtol=1e-6)
@@ -151,7 +173,9 @@ def plate_height(at, contribution):
     return kinematics.forward(ROBOT.mechanism, at.k, at.q, at.pose, contribution.deviation).pose.x[0, 2]
 
 
-@pytest.mark.parametrize(("name", "theta"), [("drive_compliance", [5e-5]), ("rod_compliance", [1e-7]), ("arm_bending", [1e-6, 0])])
+@pytest.mark.parametrize(
+    ("name", "theta"), [("drive_compliance", [5e-5]), ("rod_compliance", [1e-7]), ("arm_bending", [1e-6, 0])]
+)
 def test_compliance_lets_the_plate_down(name, theta):
     light, heavy = loaded(0.0), loaded(2.0)
     drop = [plate_height(at, of(name, theta, at)) - at.pose.x[0, 2] for at in (light, heavy)]
@@ -234,7 +258,9 @@ def test_friction_hysteresis():
 def test_encoder_and_gear():
     q = AT.q
     np.testing.assert_allclose(of("encoder_eccentricity", [1e-4, 2e-4]).actuator, 1e-4 * np.sin(q) + 2e-4 * np.cos(q))
-    np.testing.assert_allclose(of("encoder_ovality", [1e-4, 2e-4]).actuator, 1e-4 * np.sin(2 * q) + 2e-4 * np.cos(2 * q))
+    np.testing.assert_allclose(
+        of("encoder_ovality", [1e-4, 2e-4]).actuator, 1e-4 * np.sin(2 * q) + 2e-4 * np.cos(2 * q)
+    )
     np.testing.assert_allclose(of("gear_ratio", [1e-3]).actuator, 1e-3 * q)
     ripple = effects.parse("gear_ripple@30", ROBOT).contribution(AT, np.array([1e-4, 2e-4])).actuator
     np.testing.assert_allclose(ripple, 1e-4 * np.sin(30 * q) + 2e-4 * np.cos(30 * q))
