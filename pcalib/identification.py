@@ -34,6 +34,8 @@ METHODS = ("map", "base", "linear")
 LOSSES = ("linear", "huber", "cauchy")
 ROBUST_AT = 2.5
 """Rows further off than this many σ (per component) weigh less under a robust loss."""
+_COST_NOISE = 1e-6
+"""Relative change of the cost that the rounding of forward kinematics can cause: no reason to reject a step."""
 _TOLERANCE = 1e-5
 """A fit has converged when what is left to go is below this share of every unknown's natural size."""
 
@@ -299,7 +301,7 @@ def _minimise(
         trial = apply(model, unknowns, full)
         tried = residuals(trial, data, at[1])
         count += 1
-        if max_iterations > 1 and not cost(trial, tried) <= cost(model, at) * (1 + 1e-9) + 1e-9:
+        if max_iterations > 1 and not cost(trial, tried) <= cost(model, at) * (1 + _COST_NOISE) + _COST_NOISE:
             damping = max(10 * damping, 1e-3 * float(np.max(np.sum(J * J, axis=0), initial=1.0)))
             continue
         model, at = trial, tried
