@@ -440,7 +440,7 @@ def inverse(
 
 
 def _level(mechanism: Mechanism, k: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Hinge angles (N, h) that bring hinged bodies nearest to their orientation at R = I, as parallel rods hold them."""
+    """Hinge angles (N, h) that bring hinged bodies nearest to their turn at R = I, as parallel rods hold them."""
     if not mechanism.hinges:
         return np.zeros((len(R), 0))
     turn = rotation.to_quaternion(R)

@@ -88,7 +88,7 @@ def arm_columns(u: np.ndarray, rods: Sequence[Sequence[str]]) -> dict[str, tuple
         rods: the tags of each arm's rods.
     """
     columns: dict[str, tuple[str, Mapping[str, float]]] = {}
-    for i, tags in enumerate(rods, 1):
+    for i in range(1, len(rods) + 1):
         columns[f"q{i}.offset"] = ("rad", along(f"beta{i}", u[i - 1]))
     for i, tags in enumerate(rods, 1):
         columns[f"arm{i}.length"] = ("m", {f"a{tag}.y": 1.0 for tag in tags})

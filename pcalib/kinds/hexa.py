@@ -1,4 +1,4 @@
-"""The Hexa: six arms, six single rods, six degrees of freedom (Pierrot, Uchiyama; a Delta with a motor for each rod)."""
+"""The Hexa: six arms, six single rods, six degrees of freedom (Pierrot, Uchiyama; a Delta with a motor per rod)."""
 
 from __future__ import annotations
 

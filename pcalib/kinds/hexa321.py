@@ -45,7 +45,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
 
 
 def _three_two_one(A: np.ndarray, length: np.ndarray, b: np.ndarray) -> Pose:
-    """The plate pose that puts rods 1–3 in one point, 4–5 in another and 6 in a third; each sign is the working branch's.
+    """The plate pose that puts rods 1–3 in one point, 4–5 in another and 6 in a third, on the working branch.
 
     Args:
         A: (N, 6, 3) [m] base-side anchors.

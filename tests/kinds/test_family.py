@@ -1,0 +1,313 @@
+"""Every robot kind against central differences, round trips, its gauge freedoms and the ranks that follow from them."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcalib import kinematics, planning, rotation
+from pcalib import robot as robots
+from pcalib.errors import InputError
+from pcalib.identifiability import THRESHOLD, priors, project_out
+from pcalib.mechanism import Pose
+
+MODELS = Path(__file__).parents[2] / "models"
+NAMES = ("delta", "delta_small", "delta_large", "hexa", "hexa321", "h4", "linear_delta", "hexapod")
+TOOL = np.array([0.03, -0.02, -0.3])
+SIGMA = np.array([*[2e-5] * 3, *[np.radians(0.005)] * 3])
+SIZE = {"m": 1e-3, "rad": 4e-3, "1": 1e-3}
+
+
+@lru_cache
+def load(name):
+    return robots.load(MODELS / f"{name}.toml")
+
+
+@lru_cache
+def poses(name, n=40):
+    return planning.reachable(load(name), n, np.random.default_rng(3))
+
+
+def perturbed(name, seed=0):
+    mechanism = load(name).mechanism
+    size = np.array([SIZE[unit] for unit in mechanism.units])
+    return mechanism.nominal + size * np.random.default_rng(seed).standard_normal(len(size))
+
+
+def solved(name, n=8, seed=0):
+    """A perturbed robot with closed loops at n poses."""
+    mechanism, k, q = load(name).mechanism, perturbed(name, seed), poses(name).q[:n]
+    found = kinematics.forward(mechanism, k, q, poses(name).pose.take(slice(n)), tolerance=1e-14)
+    assert (found.residual < 1e-14).all()
+    return mechanism, k, q, found.pose
+
+
+def differs(analytic, numeric):
+    """Largest error of a Jacobian, relative to its largest entry."""
+    return np.abs(analytic - numeric).max() / np.abs(analytic).max()
+
+
+def central(function, n, h=5e-5):
+    """∂function/∂(n unknowns) as the last axis, for steps given as an (n,) vector; central differences of 4th order."""
+
+    def slope(step):
+        return (8 * (function(step) - function(-step)) - (function(2 * step) - function(-2 * step))) / (12 * h)
+
+    return np.stack([slope(step) for step in h * np.eye(n)], axis=-1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_closure_jacobians_against_differences(name):
+    mechanism, k, q, pose = solved(name)
+    at = kinematics.closure(mechanism, k, q, pose, TOOL)
+
+    def f(q=q, pose=pose, k=k):
+        return kinematics.closure(mechanism, k, q, pose).f
+
+    def moved(step):
+        # A twist at the TCP, by hand: the TCP moves, then the plate turns about it.
+        turn = rotation.exp(np.broadcast_to(step[3:6], (len(q), 3)))
+        R = turn @ pose.R
+        return f(pose=Pose(pose.tcp(TOOL) + step[:3] - (R @ TOOL), R, pose.phi + step[6:]))
+
+    J = kinematics.jacobian_state(mechanism, at, pose)
+    assert differs(J, central(moved, mechanism.n_state)) < 1e-7
+    J = kinematics.jacobian_actuators(mechanism, at)
+    assert differs(J, central(lambda step: f(q=q + step), q.shape[1])) < 1e-7
+    J = kinematics.jacobian_parameters(mechanism, k, q, at, pose)
+    numeric = central(lambda step: f(k=k + step), len(k))
+    for unit in set(mechanism.units):
+        some = [u == unit for u in mechanism.units]
+        assert differs(J[..., some], numeric[..., some]) < 1e-7
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_sensitivity_at_the_tool_against_forward_kinematics(name):
+    mechanism, k, q, pose = solved(name, 4)
+    S = kinematics.sensitivity(mechanism, k, q, pose, TOOL)
+
+    def reading(step):
+        found = kinematics.forward(mechanism, k + step, q, pose, tolerance=1e-15, max_iterations=6).pose
+        turned = rotation.log(found.R @ np.swapaxes(pose.R, -1, -2))
+        return np.concatenate([found.tcp(TOOL), turned, found.phi], axis=-1)
+
+    numeric = central(reading, len(k))
+    assert differs(S[:, :3], numeric[:, :3]) < 1e-7
+    assert differs(S[:, 3:], numeric[:, 3:]) < 1e-7
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_inverse_undoes_forward(name):
+    mechanism, k, q, pose = solved(name, 40)
+    again = kinematics.inverse(mechanism, k, pose.tcp(TOOL), pose.R, TOOL, tolerance=1e-14, max_iterations=12)
+    assert again.ok.all()
+    assert np.abs(again.q - q).max() < 1e-12
+    assert np.abs(again.pose.x - pose.x).max() < 1e-12
+    assert np.abs(again.pose.R - pose.R).max() < 1e-12
+    assert len(mechanism.hinges) == 0 or np.abs(again.pose.phi - pose.phi).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_forward_finds_the_commanded_pose_from_its_own_start(name):
+    """Over the whole workspace, at perturbed geometry: never another assembly, silently or not."""
+    mechanism, k = load(name).mechanism, perturbed(name, 5)
+    wanted = poses(name, 3000).pose
+    there = kinematics.inverse(mechanism, k, wanted.x, wanted.R)
+    assert there.ok.all()
+    found = kinematics.forward(mechanism, k, there.q)
+    assert found.ok.all()
+    assert np.abs(found.pose.x - there.pose.x).max() < 1e-9
+    assert np.abs(found.pose.R - there.pose.R).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_workspace_lies_within_joint_range_where_orientation_is_commanded(name):
+    """What a robot file promises: most of the cylinder can be reached, and planned poses keep to all limits."""
+    robot = load(name)
+    found = poses(name, 3000)
+    turn = rotation.to_quaternion(found.pose.R)
+    assert robot.workspace.contains(found.pose.x).all()
+    assert (found.q >= robot.joint_min - 1e-9).all() and (found.q <= robot.joint_max + 1e-9).all()
+    if 5 in robot.mechanism.task:
+        yaw = 2 * np.arctan2(turn[:, 3], turn[:, 0])
+        assert np.abs(yaw).max() <= robot.workspace.yaw + 1e-9
+        assert np.abs(yaw).max() > 0.95 * robot.workspace.yaw
+    if 3 in robot.mechanism.task:
+        tilt = np.arccos(found.pose.R[:, 2, 2])
+        assert 0.95 * robot.workspace.tilt < tilt.max() <= robot.workspace.tilt + 1e-9
+
+
+# Full poses with known frames; base frame and target place unknown; base and target frame unknown; position only with
+# known frames; the same with three tools. Docs explain them: docs/robots.md.
+RANKS = {
+    "delta": (42, 36, 33, 38, 41),
+    "hexa": (66, 57, 54, 63, 65),
+    "hexa321": (66, 57, 54, 63, 65),
+    "h4": (62, 54, 51, 59, 61),
+    "linear_delta": (33, 27, 24, 30, 32),
+    "hexapod": (48, 39, 36, 45, 47),
+}
+
+
+def readings(name, tool):
+    """(N, 6, nk) prior-scaled, whitened S_C, and the columns of base (6) and target frame (6)."""
+    mechanism = load(name).mechanism
+    found = poses(name)
+    S = kinematics.sensitivity(mechanism, mechanism.nominal, found.q, found.pose, tool)[:, :6]
+    frames = np.zeros((len(S), 6, 12))
+    frames[:, :3, :3] = np.eye(3)
+    frames[:, :3, 3:6] = -rotation.hat(found.pose.tcp(tool))
+    frames[:, 3:, 3:6] = np.eye(3)
+    frames[:, :3, 6:9] = found.pose.R
+    frames[:, 3:, 9:] = found.pose.R
+    return S * priors(mechanism.units) / SIGMA[:, None], frames / SIGMA[:, None]
+
+
+def rank(J, frames=None):
+    J = J.reshape(-1, J.shape[-1])
+    F = None if frames is None else frames.reshape(-1, frames.shape[-1])
+    return int(np.sum(np.linalg.svd(project_out(J, F), compute_uv=False) > THRESHOLD))
+
+
+@pytest.mark.parametrize("name", RANKS)
+def test_ranks(name):
+    J, frames = readings(name, np.zeros(3))
+    tools = np.concatenate([readings(name, np.array([0, 0, -h]))[0][:, :3] for h in (0.0, 0.1, 0.3)])
+    assert (
+        rank(J), rank(J, frames[..., :9]), rank(J, frames), rank(J[:, :3]), rank(tools)
+    ) == RANKS[name]  # fmt: skip
+
+
+def shifted(by):
+    return lambda v: v + by
+
+
+def turned(R, about=0.0):
+    return lambda v: about + R @ (v - about)
+
+
+def after(R):
+    """A rotation vector followed by R."""
+    return lambda v: rotation.log(R @ rotation.exp(v))
+
+
+def before(R):
+    """A rotation vector preceded by R."""
+    return lambda v: rotation.log(rotation.exp(v) @ R)
+
+
+def arm_gauges(mechanism, k):
+    arms = mechanism.actuation
+    E = rotation.exp(k[arms.beta]) @ rotation.about(np.array([0, 0, 1.0]), arms.azimuth)
+    for i in (0, 1):
+        rods = [r for r, arm in zip(mechanism.rods, arms.actuator, strict=True) if arm == i]
+        u, x = E[i, :, 0], np.array([2e-3, 0, 0])
+        yield {f"p{i + 1}": shifted(2e-3 * u)} | {f"a{r}": shifted(-x) for r in rods}
+        yield {f"beta{i + 1}": after(rotation.exp(0.02 * u))} | {f"a{r}": turned(rotation.exp(-10 * x)) for r in rods}
+
+
+def tower_gauges(mechanism, k):
+    E, by, R = rotation.exp(k[mechanism.actuation.beta])[0], np.array([1e-3, -2e-3, 3e-3]), rotation.exp([0, 0, 0.03])
+    yield {"p1": shifted(by), "a11": shifted(-E.T @ by), "a12": shifted(-E.T @ by)}
+    yield {"beta1": before(R), "a11": turned(R.T), "a12": turned(R.T)}
+
+
+def hinge_gauges(mechanism, k):
+    hinge = mechanism.hinges[0].at(k)
+    yield {"hinge1": shifted(5e-3 * hinge.axis)}
+    yield {"tilt1": before(rotation.exp([0, 0, 0.1]))}
+    R, rods = rotation.exp(0.01 * hinge.axis), np.array(mechanism.rods)[mechanism.body == 1]
+    yield {f"b{r}": turned(R, hinge.point) for r in rods}
+
+
+GAUGES = [
+    ("delta", arm_gauges),
+    ("hexa", arm_gauges),
+    ("hexa321", arm_gauges),
+    ("h4", arm_gauges),
+    ("h4", hinge_gauges),
+    ("linear_delta", tower_gauges),
+]
+
+
+@pytest.mark.parametrize(("name", "gauges"), GAUGES)
+def test_gauge_freedoms_are_exact(name, gauges):
+    """Finite changes of parameters that no measurement of any kind can see."""
+    mechanism, k, q = load(name).mechanism, perturbed(name, 2), poses(name).q
+    there = kinematics.forward(mechanism, k, q, poses(name).pose, tolerance=1e-14).pose
+    for changes in gauges(mechanism, k):
+        other = k.copy()
+        for symbol, change in changes.items():
+            at = [mechanism.index(f"{symbol}.{axis}") for axis in "xyz"]
+            other[at] = change(other[at])
+            assert np.abs(other - k)[at].max() > 1e-5
+        found = kinematics.forward(mechanism, other, q, there, tolerance=1e-14).pose
+        assert np.abs(found.x - there.x).max() < 1e-12
+        assert np.abs(found.R - there.R).max() < 1e-12
+
+
+def test_start_of_the_321_hexa_is_exact_where_its_points_coincide():
+    mechanism, found = load("hexa321").mechanism, poses("hexa321")
+    start = mechanism.start(mechanism.nominal, found.q)
+    assert np.abs(start.x - found.pose.x).max() < 1e-11
+    assert np.abs(start.R - found.pose.R).max() < 1e-11
+
+
+def test_h4_with_perfect_parallelograms_keeps_its_plate_level_and_its_sides_unturned():
+    found = poses("h4")
+    assert np.abs(found.pose.R[:, 2, 2] - 1).max() < 1e-14
+    yaw = np.arctan2(found.pose.R[:, 1, 0], found.pose.R[:, 0, 0])
+    assert np.abs(found.pose.phi + yaw[:, None]).max() < 1e-10
+
+
+def test_a_fourfold_symmetric_h4_is_singular():
+    """Why the arms of models/h4.toml are not equally spaced."""
+    from pcalib.kinds.h4 import build
+
+    dimensions = dict(load("h4").dimensions)
+    at = {}
+    for name, azimuth in (("file", dimensions["axis_azimuth"]), ("symmetric", np.radians([45, 135, 225, 315]))):
+        mechanism = build(dimensions | {"axis_azimuth": azimuth, "base_spacing": dimensions["hinge_distance"]})
+        found = kinematics.inverse(mechanism, mechanism.nominal, np.array([[0, 0, -0.42]]))
+        J = kinematics.jacobian_state(
+            mechanism, kinematics.closure(mechanism, mechanism.nominal, found.q, found.pose), found.pose
+        )
+        at[name] = np.linalg.cond(J[0])
+    assert at["file"] < 1e3 and at["symmetric"] > 1e12
+
+
+def test_hexapod_commands_in_revolutions_are_those_in_millimetres():
+    text = (MODELS / "hexapod.toml").read_text()
+    travel = np.array([5.0, 5.1, 4.9, 5.0, 5.05, 4.95])
+    listed = ", ".join(map(str, travel))
+    turns = robots.parse(
+        text.replace("[joints] ", f"leg_travel_mm_rev = [{listed}]\n[joints] ")
+        .replace("min_mm = -120.0", "min_rev = -24.0")
+        .replace("max_mm = 120.0", "max_rev = 24.0")
+    )
+    assert turns.mechanism.actuator_dimension == "angle"
+    assert turns.joint_max == pytest.approx(48 * np.pi)
+    plain, q = load("hexapod").mechanism, poses("hexapod").q
+    a = kinematics.forward(plain, plain.nominal, q).pose
+    b = kinematics.forward(turns.mechanism, turns.mechanism.nominal, q / (travel * 1e-3 / (2 * np.pi))).pose
+    assert np.abs(a.x - b.x).max() < 1e-12
+    assert np.abs(a.R - b.R).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "says"),
+    [
+        ("hexa", "[60.0, 180.0, 300.0]", "[60.0, 180.0]", "'axis_azimuth' needs 3 numbers, not 2"),
+        ("hexapod", "min_mm", "min_deg", "'deg' is not a unit of length"),
+        ("linear_delta", "rod_spacing_mm = 50.0", "", "'rod_spacing' is missing"),
+        ("hexapod", "yaw_deg", "yaw_mm", "'mm' is not a unit of angle"),
+    ],
+)
+def test_bad_robot_files_say_what_is_wrong(name, old, new, says):
+    text = (MODELS / f"{name}.toml").read_text()
+    assert old in text
+    with pytest.raises(InputError, match=says):
+        robots.parse(text.replace(old, new))
