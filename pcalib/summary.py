@@ -121,3 +121,27 @@ def headline(fit: Fit) -> str:
     if fit.check:
         text += f"; {fit.check.n_rows} held-out poses: {fit.check.rms_pos * 1e6:.1f} µm"
     return text + "."
+
+
+def largest_changes(fit: Fit, count: int = 6) -> list[tuple[str, str, str, str]]:
+    """The geometric unknowns that left nominal by most of their σ: name, change, σ, ratio, as text."""
+    g = fit.unknowns.n_geometry
+    if g == 0:
+        return []
+    sigma = np.sqrt(np.diag(fit.covariance)[:g])
+    ratio = np.abs(fit.estimate[:g]) / np.where(sigma > 0, sigma, np.inf)
+    units = [fit.unknowns.level.units[fit.unknowns.level.columns.index(n)] for n in fit.unknowns.names[:g]]
+    rows = []
+    for i in np.argsort(-ratio)[:count]:
+        if ratio[i] < 3:
+            break
+        factor, unit = {"m": (1e6, "µm"), "rad": (1e6, "µrad"), "1": (1e6, "ppm")}[units[i]]
+        rows.append(
+            (
+                fit.unknowns.names[i],
+                f"{fit.estimate[i] * factor:+.1f} {unit}",
+                f"{sigma[i] * factor:.1f} {unit}",
+                f"{ratio[i]:.1f}",
+            )
+        )
+    return rows

@@ -1,0 +1,71 @@
+"""Commands that bring the TCP to wanted positions, by a calibrated model.
+
+    pcalib compensate targets.csv --model m.toml --tool 0,0,-300mm -o commands.csv
+    pcalib compensate targets.csv --model m.toml --method first-order -o commands.csv
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from pcalib.cli.frame import JsonOption, quantity, say, write_json
+
+
+def command(
+    targets: Path,
+    /,
+    *,
+    model: Path,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    tool: Annotated[np.ndarray | None, quantity("length", 3)] = None,
+    method: str = "exact",
+    effect_file: tuple[str, ...] = (),
+    json: JsonOption = None,
+) -> int | None:
+    """Commands that bring the TCP to wanted positions, by a calibrated model.
+
+    Writes one row per target in the same order: actuator values and a status, 'ok' or why there is no command; the
+    target's own columns are kept. Payload, temperature and direction columns are used by models with effects.
+
+    Args:
+        targets: Target file, CSV or Parquet: x, y, z in the base frame, optionally payload, temperatures, tool.
+        model: Model file, as 'pcalib fit' writes it.
+        output: Command file to write.
+        tool: TCP in the plate frame, with its unit, e.g. 0,0,-300mm; the targets' own tool columns where they have them.
+        method: exact (inverse of the complete model) or first-order (the paper's).
+        effect_file: file.py:Class of an effect of your own that the model uses and that may be loaded.
+    """
+    from pcalib import compensation, effects, modelfile
+    from pcalib.errors import EffectError, InputError
+    from pcalib.prediction import Conditions
+    from pcalib.targets import load_targets, save_commands
+
+    calibrated = modelfile.load(model, effect_file)
+    wanted = load_targets(targets, calibrated.robot)
+    if wanted.tool is not None and tool is not None:
+        raise InputError("the targets have tool columns and --tool is given too", file=targets, remedy="keep one")
+    points = wanted.tool if wanted.tool is not None else np.zeros(3) if tool is None else tool
+    conditions = Conditions(np.broadcast_to(points, wanted.position.shape), wanted.payload, wanted.columns)
+    for fitted in calibrated.effects:
+        lacking = effects.missing(fitted.effect, wanted.columns)
+        if lacking:
+            raise EffectError(
+                f"{targets}: the model's effect {fitted.effect.name} needs columns: {', '.join(lacking)}\n"
+                "  add them to the target file"
+            )
+    turned = wanted.rotation if {3, 4, 5} & set(calibrated.robot.mechanism.task) else None
+    found = compensation.compensate(
+        calibrated, wanted.position, rotation_matrix=turned, conditions=conditions, method=method
+    )
+    save_commands(output, calibrated.robot, wanted, found.q, found.status.tolist())
+    kinds, counts = np.unique(found.status, return_counts=True)
+    tally = dict(zip(kinds.tolist(), counts.tolist(), strict=True))
+    ok = tally.get("ok", 0)
+    others = "".join(f"; {n} {kind.replace('_', ' ')}" for kind, n in tally.items() if kind != "ok")
+    say(f"{ok} of {len(wanted)} targets have a command{others}. Written to {output}.")
+    write_json(json, {"schema": "pcalib.compensate/1", "method": method, "targets": len(wanted), "status": tally})
+    return None

@@ -1,0 +1,147 @@
+"""Identify a robot's geometry, and effects named, from measured poses.
+
+    pcalib fit data.csv --robot models/delta.toml -o m.toml
+    pcalib fit data.csv --robot models/delta.toml --level model24 -o m24.toml
+    pcalib fit data.csv --robot models/delta.toml --effect drive_compliance -o m.toml --json fit.json
+    pcalib fit data.csv --robot models/delta.toml --fix l11,l12 --loss huber -o m.toml
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from pcalib.cli.frame import JsonOption, quantity, say, show_table, write_json
+
+if TYPE_CHECKING:
+    from pcalib.identification import Fit
+
+
+def command(
+    data: Path,
+    /,
+    *,
+    robot: Path,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    level: str = "complete",
+    effect: tuple[str, ...] = (),
+    method: str = "map",
+    loss: str = "linear",
+    fix: tuple[str, ...] = (),
+    bound: tuple[str, ...] = (),
+    length_tolerance: Annotated[np.ndarray | None, quantity("length")] = None,
+    angle_tolerance: Annotated[np.ndarray | None, quantity("angle")] = None,
+    json: JsonOption = None,
+) -> int | None:
+    """Identify a robot's geometry, and effects named, from measured poses.
+
+    Rows with set = check are held out: they are predicted, never fitted. A fit that did not converge, or that the
+    data cannot support, is refused (exit code 2).
+
+    Args:
+        data: Measurement file, CSV or Parquet.
+        robot: Robot file (TOML).
+        output: Model file to write.
+        level: Geometry level: nominal, classical, model24 or complete.
+        effect: Effect to identify too: NAME, NAME:arm, or file.py:Class; may be given several times.
+        method: map (priors), base (identifiable base, no priors) or linear (the paper's one step).
+        loss: linear, huber or cauchy; the latter two weigh rows far off down, and report them.
+        fix: Parameters held at nominal, separated by commas.
+        bound: NAME=LOW,HIGHunit: bounds on a parameter's change from nominal, e.g. l11=-0.5,0.5mm.
+        length_tolerance: 1σ manufacturing prior of lengths; 0.1mm when absent.
+        angle_tolerance: 1σ manufacturing prior of angles; 0.05deg when absent.
+    """
+    from pcalib import identification, measurement, modelfile, summary
+    from pcalib import robot as robots
+    from pcalib.model import Model
+
+    described = robots.load(robot)
+    measured = measurement.load(data, described)
+    prior = {}
+    if length_tolerance is not None:
+        prior["m"] = float(length_tolerance[0])
+    if angle_tolerance is not None:
+        prior["rad"] = float(angle_tolerance[0])
+    found = identification.fit(
+        measured,
+        Model.nominal(described),
+        level,
+        effects=[start_effect(spec, described, measured.columns) for spec in effect],
+        method=method,
+        loss=loss,
+        fixed=[name.strip() for names in fix for name in names.split(",")],
+        bounds=dict(_bound(text) for text in bound),
+        prior=prior,
+    )
+    write_json(json, summary.fit_json(found))
+    show(found)
+    usable = found.model  # refuses with the reason
+    if output is not None:
+        figures = summary.statistics(found)
+        entry = modelfile.snapshot(usable, "fit", data=data.name, **figures)
+        modelfile.save(output, replace(usable, history=(entry,)), figures)
+        say(f"Model written to {output}.")
+    return None
+
+
+def start_effect(spec: str, robot, columns):
+    """An effect named on the command line, at zero, checked against the data's columns."""
+    from pcalib import effects
+    from pcalib.errors import EffectError
+    from pcalib.model import FittedEffect
+
+    effect = effects.parse(spec, robot)
+    lacking = effects.missing(effect, columns)
+    if lacking:
+        raise EffectError(f"effect {effect.name} needs columns that the data do not have: {', '.join(lacking)}")
+    return FittedEffect(effect, np.zeros(len(effect.parameters)), spec)
+
+
+def _bound(text: str) -> tuple[str, tuple[float, float]]:
+    from pcalib import units
+    from pcalib.errors import InputError
+
+    name, equals, values = text.partition("=")
+    if not equals:
+        raise InputError(f"--bound '{text}': write NAME=LOW,HIGHunit", remedy="for example l11=-0.5,0.5mm")
+    unit = next((u for s, u in sorted(units.UNITS.items(), key=lambda x: -len(x[0])) if values.endswith(s)), None)
+    low_high = units.parse_quantity(values, unit.dimension if unit else "length", option=f"--bound {name}")
+    if len(low_high) != 2 or not low_high[0] <= low_high[1]:
+        raise InputError(f"--bound '{text}': two numbers are needed, low before high")
+    return name, (float(low_high[0]), float(low_high[1]))
+
+
+def show(found: Fit) -> None:
+    """Print a fit: the outcome in a sentence, its figures, what moved most, and what to know."""
+    from pcalib import summary
+
+    say(summary.headline(found))
+    print()
+    show_table(
+        ("", "rows", "RMS µm", "max µm", "RMS µrad", "χ²/dof"),
+        [
+            (name, a.n_rows, _n(a.rms_pos * 1e6), _n(a.max_pos * 1e6), _n(a.rms_rot * 1e6), _n(a.chi2_dof, 2))
+            for name, a in (("fit", found.fit), ("check", found.check))
+            if a is not None
+        ],
+    )
+    say(
+        f"The data identify {found.n_identified} directions of level {found.candidate.level} "
+        f"({found.expected} expected of such readings)."
+    )
+    for fitted in found.candidate.effects:
+        describe = getattr(fitted.effect, "describe", None)
+        say(f"- {describe(fitted.theta) if describe else fitted.effect.name}")
+    moved = summary.largest_changes(found)
+    if moved:
+        show_table(("moved most", "from nominal", "± 1σ", "in σ"), moved)
+    for warning in found.warnings:
+        say(f"- {warning}")
+
+
+def _n(value: float, digits: int = 1) -> str:
+    return f"{value:.{digits}f}" if value == value else "–"

@@ -1,0 +1,81 @@
+"""The poses to measure: D-optimal commands for a robot and an instrument.
+
+    pcalib plan --robot models/delta.toml -n 40 -o plan.csv
+    pcalib plan --robot models/delta.toml -n 40 --tool 0,0,0mm --tool 0,0,-300mm --position-only -o plan.csv
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from pcalib.cli.frame import JsonOption, progress, quantity, say, write_json
+
+
+def command(
+    *,
+    robot: Path,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    n: Annotated[int, Parameter(name=["--poses", "-n"])] = 40,
+    tool: tuple[str, ...] = (),
+    sigma_pos: Annotated[np.ndarray | None, quantity("length")] = None,
+    sigma_rot: Annotated[np.ndarray | None, quantity("angle")] = None,
+    position_only: bool = False,
+    level: str = "complete",
+    seed: int = 0,
+    json: JsonOption = None,
+) -> int | None:
+    """The poses to measure: D-optimal commands for a robot and an instrument.
+
+    Chooses, among reachable poses within joint range and workspace, those whose readings tell most about the
+    geometry. Writes a table of commands with the nominal positions, to be measured or given to 'pcbench simulate'.
+
+    Args:
+        robot: Robot file (TOML).
+        output: Plan to write, CSV.
+        n: How many poses.
+        tool: A tool at hand, e.g. 0,0,-300mm; may be given several times. None: the plate's centre is measured.
+        sigma_pos: Instrument noise, 1σ per component; 0.02mm when absent.
+        sigma_rot: Instrument noise of rotations; 0.005deg when absent.
+        position_only: The instrument gives no orientation.
+        level: Geometry level that is to be identified.
+        seed: Of the candidate poses.
+    """
+    from pcalib import kinematics, planning, table, units
+    from pcalib import robot as robots
+    from pcalib.errors import InputError, unknown
+
+    if n < 1:
+        raise InputError(f"--poses {n}: at least 1")
+    described = robots.load(robot)
+    mechanism = described.mechanism
+    if level not in mechanism.levels:
+        raise InputError(unknown("level", level, mechanism.levels))
+    tools = np.array([units.parse_quantity(t, "length", option="--tool") for t in tool]) if tool else None
+    if tools is not None and tools.shape[1:] != (3,):
+        raise InputError("--tool needs three numbers, e.g. 0,0,-300mm")
+    with progress("choosing poses", 100) as advance:
+        done = 0
+
+        def tick(share: float) -> None:
+            nonlocal done
+            advance(int(100 * share) - done)
+            done = int(100 * share)
+
+        q, t = planning.plan(
+            described, n, tools=tools, rotations=not position_only, level=level, seed=seed, tick=tick,
+            sigma_pos=2e-5 if sigma_pos is None else float(sigma_pos[0]),
+            sigma_rot=np.radians(0.005) if sigma_rot is None else float(sigma_rot[0]),
+        )  # fmt: skip
+    point = kinematics.forward(mechanism, mechanism.nominal, q).pose.tcp(t)
+    suffix, factor = ("deg", np.pi / 180) if mechanism.actuator_dimension == "angle" else ("mm", 1e-3)
+    columns = {f"{name}_{suffix}": q[:, i] / factor for i, name in enumerate(mechanism.actuators)}
+    columns |= {f"tool_{axis}_mm": t[:, i] * 1e3 for i, axis in enumerate("xyz") if tools is not None}
+    columns |= {f"nominal_{axis}_mm": point[:, i] * 1e3 for i, axis in enumerate("xyz")}
+    table.write(output, columns, {"robot": described.name})
+    say(f"{n} poses written to {output}.")
+    write_json(json, {"schema": "pcalib.plan/1", "poses": n, "level": level, "q_si": q, "tool_m": t})
+    return None
