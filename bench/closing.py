@@ -72,6 +72,7 @@ class Loops:
         On return kinematics and constraints of `data` belong to the final pose.
         """
         lu = pivots = None
+        iteration, residual = 0, math.inf
         for iteration in range(max_iterations + 1):
             f, J = self.evaluate()
             residual = math.sqrt(f.dot(f))

@@ -82,7 +82,8 @@ class Commands:
 
     def take(self, rows: np.ndarray | slice) -> Commands:
         """Some of the rows."""
-        return Commands(self.q[rows], self.tool[rows], self.payload[rows], {c: v[rows] for c, v in self.columns.items()})
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        return Commands(self.q[rows], self.tool[rows], self.payload[rows], columns)
 
     def need(self, columns: tuple[str, ...], who: str) -> None:
         """Assert that columns are there and hold numbers.

@@ -156,7 +156,8 @@ class Machine:
         status = np.full(n, "ok", dtype="<U13")
         status[((commands.q < low - JOINT_SLACK) | (commands.q > high + JOINT_SLACK)).any(axis=1)] = "joint_limit"
         status[~np.isfinite(commands.q).all(axis=1)] = "not_converged"
-        x, R, flange, turn = np.full((n, 3), np.nan), np.full((n, 9), np.nan), np.full((n, 3), np.nan), np.full((n, 9), np.nan)
+        x, flange = np.full((2, n, 3), np.nan)
+        R, turn = np.full((2, n, 9), np.nan)
         for row in np.flatnonzero(status == "ok"):
             status[row] = self._solve(commands.q[row])
             if status[row] == "ok":
