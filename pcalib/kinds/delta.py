@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.actuation import RotaryArms
+from pcalib.actuation import Carriages, RotaryArms
 from pcalib.kinds import Kind
 from pcalib.mechanism import Level, Mechanism, Pose
 
@@ -109,7 +109,9 @@ def _levels(
     }
 
 
-def simplified_forward(actuation: RotaryArms, plate_columns: np.ndarray, k: np.ndarray, q: np.ndarray) -> np.ndarray:
+def simplified_forward(
+    actuation: RotaryArms | Carriages, plate_columns: np.ndarray, k: np.ndarray, q: np.ndarray
+) -> np.ndarray:
     """FPR_S: plate position of the perfect-parallelogram Delta, (N, 3) [m], NaN where its spheres do not meet.
 
     The middle of each pair is one virtual rod; shifted by the plate side, its three spheres meet in the plate
@@ -133,7 +135,9 @@ def simplified_forward(actuation: RotaryArms, plate_columns: np.ndarray, k: np.n
     return s1 + foot + height[:, None] * normal
 
 
-def simplified_pose(actuation: RotaryArms, plate_columns: np.ndarray, k: np.ndarray, q: np.ndarray) -> Pose:
+def simplified_pose(
+    actuation: RotaryArms | Carriages, plate_columns: np.ndarray, k: np.ndarray, q: np.ndarray
+) -> Pose:
     """FPR_S as a plate pose with the plate parallel to the base."""
     x = simplified_forward(actuation, plate_columns, k, q)
     return Pose(x, np.broadcast_to(np.eye(3), (len(x), 3, 3)).copy(), np.zeros((len(x), 0)))

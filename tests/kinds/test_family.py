@@ -17,6 +17,7 @@ from pcalib.mechanism import Pose
 MODELS = Path(__file__).parents[2] / "models"
 NAMES = ("delta", "delta_small", "delta_large", "hexa", "hexa321", "h4", "linear_delta", "hexapod")
 TOOL = np.array([0.03, -0.02, -0.3])
+Z = np.array([0.0, 0.0, 1.0])
 SIGMA = np.array([*[2e-5] * 3, *[np.radians(0.005)] * 3])
 SIZE = {"m": 1e-3, "rad": 4e-3, "1": 1e-3}
 
@@ -201,7 +202,7 @@ def before(R):
 
 def arm_gauges(mechanism, k):
     arms = mechanism.actuation
-    E = rotation.exp(k[arms.beta]) @ rotation.about(np.array([0, 0, 1.0]), arms.azimuth)
+    E = rotation.exp(k[arms.beta]) @ rotation.about(Z, arms.azimuth)
     for i in (0, 1):
         rods = [r for r, arm in zip(mechanism.rods, arms.actuator, strict=True) if arm == i]
         u, x = E[i, :, 0], np.array([2e-3, 0, 0])
@@ -210,7 +211,7 @@ def arm_gauges(mechanism, k):
 
 
 def tower_gauges(mechanism, k):
-    E, by, R = rotation.exp(k[mechanism.actuation.beta])[0], np.array([1e-3, -2e-3, 3e-3]), rotation.exp([0, 0, 0.03])
+    E, by, R = rotation.exp(k[mechanism.actuation.beta])[0], np.array([1e-3, -2e-3, 3e-3]), rotation.exp(0.03 * Z)
     yield {"p1": shifted(by), "a11": shifted(-E.T @ by), "a12": shifted(-E.T @ by)}
     yield {"beta1": before(R), "a11": turned(R.T), "a12": turned(R.T)}
 
@@ -218,7 +219,7 @@ def tower_gauges(mechanism, k):
 def hinge_gauges(mechanism, k):
     hinge = mechanism.hinges[0].at(k)
     yield {"hinge1": shifted(5e-3 * hinge.axis)}
-    yield {"tilt1": before(rotation.exp([0, 0, 0.1]))}
+    yield {"tilt1": before(rotation.exp(0.1 * Z))}
     R, rods = rotation.exp(0.01 * hinge.axis), np.array(mechanism.rods)[mechanism.body == 1]
     yield {f"b{r}": turned(R, hinge.point) for r in rods}
 
