@@ -80,7 +80,8 @@ def assign(table: Table, wanted: Mapping[str, str], plain: Iterable[str], actuat
         # 'X_mm', 'x [mm]' and 'x-mm' would otherwise pass as columns of the user's own, and be ignored.
         near = known.get(re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_"))
         if near is not None:
-            raise table.error(f"column '{name}' is nearly a known one", remedy=f"write '{near}', or rename your own column")
+            remedy = f"write '{near}', or rename your own column"
+            raise table.error(f"column '{name}' is nearly a known one", remedy=remedy)
         numbered = re.fullmatch(r"(q|dir)(\d+)(?:_.*)?", name)
         if numbered:
             raise table.error(
@@ -151,9 +152,8 @@ def conditions(columns: Columns, count: int) -> tuple[dict[str, np.ndarray], dic
             odd = ~np.isin(numeric[name], (-1, 0, 1))
             if odd.any():
                 row = int(np.argmax(odd))
-                raise columns.table.error(
-                    f"{columns.table.texts(name)[row]!r} is no direction", row=row, column=name, remedy="write -1, 0 or 1"
-                )
+                cell = columns.table.texts(name)[row]
+                raise columns.table.error(f"{cell!r} is no direction", row=row, column=name, remedy="write -1, 0 or 1")
     text: dict[str, np.ndarray] = {}
     for name in columns.own:
         cells = columns.table.columns[name]
@@ -187,7 +187,8 @@ def metadata(table: Table, wanted: Mapping[str, str], plain: Iterable[str]) -> d
     for line, text in table.comments.items():
         word, colon = re.split(r"[\s:]", text, maxsplit=1)[0], ":" in text.split(maxsplit=1)[0]
         if word in wanted or units.split(word)[0] in wanted or (colon and word in plain):
-            raise InputError(f"'{word}' stands in a comment", file=table.source, line=line, remedy=f"write # {word} = …")
+            key = word.rstrip(":")
+            raise InputError(f"'{key}' stands in a comment", file=table.source, line=line, remedy=f"write # {key} = …")
     out: dict[str, float | str] = {}
     used: dict[str, tuple[str, float]] = {}
     for key in table.metadata:

@@ -261,7 +261,7 @@ def _put_sigma(data: Measurements, key: str, axes: slice, head: dict[str, str], 
 
 
 def _mask(position: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    turned = ~np.isnan(turn.reshape(len(turn), 9)).any(axis=1)
+    turned = ~np.isnan(turn.sum(axis=(1, 2)))
     return np.concatenate([~np.isnan(position), np.repeat(turned[:, None], 3, axis=1)], axis=1)
 
 
@@ -300,9 +300,8 @@ def _rotation(columns: Columns, robot: Robot | None) -> np.ndarray:
     if half.any():
         row = int(np.argmax(half))
         name = columns.name(used[int(np.argmax(blank[row]))])
-        raise table.error(
-            "the rotation is given in part", row=row, column=name, remedy="give all of its components or leave all blank"
-        )
+        remedy = "give all of its components or leave all blank"
+        raise table.error("the rotation is given in part", row=row, column=name, remedy=remedy)
     given = ~blank.any(axis=1)
     if not quaternion:
         out[given] = rotation.exp(values[given])

@@ -164,7 +164,7 @@ def _read_csv(path: Path) -> Table:
     stream = io.StringIO(text, newline="")
     metadata, metadata_lines, comments, first, above = _head(stream, path)
     if not first.strip():
-        raise InputError("there is no header line", file=path, remedy="name the columns, e.g. q1_deg,q2_deg,q3_deg,x_mm")
+        raise InputError("there is no header line", file=path, remedy="name the columns: q1_deg,q2_deg,q3_deg,x_mm,…")
 
     def body() -> Iterator[str]:
         yield first
@@ -192,13 +192,13 @@ def _read_csv(path: Path) -> Table:
         ) from None
     for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if width == 1 and separator in header[0]:
-            raise InputError(f"columns are separated by {name}", file=path, line=top, remedy="separate them with commas")
+            problem = f"columns are separated by {name}"
+            raise InputError(problem, file=path, line=top, remedy="separate them with commas")
     for number, name in enumerate(header):
         if name and name in header[:number]:
             raise InputError(f"column '{name}' is given twice", file=path, line=top, remedy="keep one of them")
-    columns = {name: [cell.strip() for cell in column] for name, column in zip(header, zip(*rows), strict=False)}
-    if not rows:
-        columns = {name: [] for name in header}
+    cells = zip(*rows, strict=True) if rows else [()] * width
+    columns = {name: [cell.strip() for cell in column] for name, column in zip(header, cells, strict=True)}
     return Table(str(path), columns, np.array(lines, int), metadata, metadata_lines, comments, top)
 
 
@@ -245,7 +245,8 @@ def _read_parquet(path: Path) -> Table:
         raise InputError("no such file", file=path, remedy="check the path") from None
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
         first = (str(error).splitlines() or ["unknown error"])[0]
-        raise InputError(f"not a readable Parquet file: {first}", file=path, remedy="write it anew, or use CSV") from None
+        problem = f"not a readable Parquet file: {first}"
+        raise InputError(problem, file=path, remedy="write it anew, or use CSV") from None
     columns: dict[str, Sequence[str] | np.ndarray] = {}
     for name, column in zip(content.column_names, content.columns, strict=True):
         if name in columns:

@@ -1,4 +1,4 @@
-"""The command line `pcbench`: one file of this folder is one command, see :mod:`pcalib.cli.frame` for how to add one."""
+"""The command line `pcbench`: one file of this folder is one command; :mod:`pcalib.cli.frame` says how to add one."""
 
 from __future__ import annotations
 

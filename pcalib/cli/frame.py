@@ -100,9 +100,9 @@ def fail(message: str) -> int:
 
 
 def quantity(dimension: str, size: int = 1) -> Parameter:
-    """An option that carries its unit, as in ``--tool 0,0,-300mm``: ``Annotated[np.ndarray | None, quantity("length", 3)]``.
+    """An option that carries its unit, as in ``--tool 0,0,-300mm``; the command gets an array (size,) in SI.
 
-    The command gets an array (size,) in SI.
+    Used as ``tool: Annotated[np.ndarray | None, quantity("length", 3)] = None``.
     """
 
     def convert(_: type, tokens: Sequence[Any]) -> Any:
@@ -156,12 +156,14 @@ def show_table(header: Sequence[str], rows: Iterable[Sequence[object]], *, title
     from rich.text import Text
 
     cells = [["" if cell is None else str(cell) for cell in row] for row in rows]
-    out = Table(box=box.SIMPLE_HEAD, title=Text(title, style="bold") if title else None, title_justify="left", pad_edge=False)
+    out = Table(box=box.SIMPLE_HEAD, show_header=any(header), pad_edge=False)
     for i, name in enumerate(header):
         right = bool(cells) and all(row[i][:1] in "+-−0123456789.–" for row in cells)  # '' is in any string
         out.add_column(Text(name), justify="right" if right else "left")
     for row in cells:
         out.add_row(*(Text(cell) for cell in row))
+    if title:
+        print(title)
     _console().print(out)
 
 

@@ -1,0 +1,90 @@
+"""What is in a measurement file, and what is wrong with it.
+
+    pcalib inspect data.csv
+    pcalib inspect data.csv --robot models/delta.toml --json findings.json
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pcalib.cli import frame
+from pcalib.cli.frame import JsonOption
+
+
+def command(data: Path, /, *, robot: Path | None = None, json: JsonOption = None) -> int | None:
+    """What is in a measurement file, and what is wrong with it.
+
+    Says what is measured and under which conditions, how noisy replicates are, and what is lacking for later steps.
+    With a robot file, values are also judged against its joint range, its workspace and its nominal geometry.
+
+    Args:
+        data: Measurement file, CSV or Parquet.
+        robot: Robot file (TOML).
+    """
+    from pcalib import inspection, measurement
+    from pcalib import robot as robots
+
+    described = robots.load(robot) if robot is not None else None
+    result = inspection.inspect(measurement.load(data, described), described)
+    frame.write_json(json, result.to_json())
+    frame.show_table(("", ""), _facts(result.facts), title=str(data))
+    frame.show_table(
+        ("joint", "from", "to", "unit", "share of its range"),
+        [
+            (j["name"], f"{j['min']:.2f}", f"{j['max']:.2f}", j["unit"], _share(j["share_of_range"]))
+            for j in result.facts["joints"]
+        ],
+    )
+    for finding in result.findings:
+        frame.say(f"- {finding.level}: {finding.message}")
+    if result.errors:
+        return frame.fail(f"{data}: {result.errors[0].message}")
+    return frame.OK
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.0f} %" if value == value else "–"
+
+
+def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The facts of a file in words."""
+    measured, noise, sigma = facts["measured"], facts["replicates"], facts["sigma"]
+    kinds = [f"{n} {kind.replace('_', ' ')}" for kind, n in measured.items() if n]
+    rows = [
+        ("rows", f"{facts['rows']} ({facts['fit']} fit, {facts['check']} check)"),
+        ("measured", f"{', '.join(kinds)}; {facts['readings']} readings"),
+        ("frame", facts["frame"]),
+        ("robot", facts["robot"] or "not named"),
+        *(
+            (f"{axis}", f"{span['min']:.1f} … {span['max']:.1f} mm")
+            for axis, span in facts["position_mm"].items()
+            if span
+        ),
+        ("tools", "; ".join("(" + ", ".join(f"{v:g}" for v in tool) + ") mm" for tool in facts["tools_mm"][:4])),
+        ("payloads", ", ".join(f"{p['payload_kg']:g} kg × {p['rows']}" for p in facts["payloads"][:8])),
+    ]
+    for name, span in facts["temperatures_degC"].items():
+        if name == "temp" or "temp" not in facts["temperatures_degC"]:
+            rows.append((name, f"{span['min']:.1f} … {span['max']:.1f} °C"))
+    if facts["time_s"]:
+        rows.append(("time", f"{facts['time_s']['min']:.0f} … {facts['time_s']['max']:.0f} s"))
+    for name, sides in facts["directions"].items():
+        rows.append((name, ", ".join(f"{'+' if side == '1' else ''}{side} × {n}" for side, n in sides.items() if n)))
+    said = "stated" if sigma["stated"] else "not stated, assumed"
+    rows.append(("σ of the instrument", f"{sigma['pos_um']:.3g} µm, {sigma['rot_urad']:.3g} µrad ({said})"))
+    if noise["groups"]:
+        parts = [f"{noise['rows']} rows in {noise['groups']} groups"]
+        if noise["dof_pos"]:
+            parts.append(f"scatter {noise['sigma_pos_um']:.3g} µm ({noise['ratio_pos']:.2f} σ)")
+        if noise["dof_rot"]:
+            parts.append(f"{noise['sigma_rot_urad']:.3g} µrad ({noise['ratio_rot']:.2f} σ)")
+        rows.append(("replicates", ", ".join(parts)))
+    if facts["own_columns"]:
+        rows.append(("own columns", ", ".join(facts["own_columns"])))
+    nominal = facts["nominal"]
+    if nominal is not None and nominal["rms_pos_um"] == nominal["rms_pos_um"]:
+        rows.append(("from the nominal robot", f"{nominal['rms_pos_um'] / 1e3:.3g} mm rms"))
+    return rows

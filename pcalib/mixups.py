@@ -1,0 +1,126 @@
+"""Mix-ups that only the nominal robot can see: columns swapped, axes mirrored, rows that belong to another pose.
+
+Errors of manufacture move the plate by millimetres; a swapped column moves it by decimetres, and reading it the other
+way round makes the data fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+
+from pcalib import kinematics
+from pcalib.measurement import Measurements
+from pcalib.robot import Robot
+
+ROWS = 200
+"""Rows that are looked at: enough for a mix-up of whole columns."""
+LARGE = 5e-3
+"""[m] RMS from the nominal robot below which nothing is suspected."""
+GAIN = 0.25
+"""A reading that explains the data must bring the RMS below this share."""
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """How the data compare with the robot as drawn."""
+
+    rms: float
+    """[m] RMS position error of complete positions, after registration where the frame is a tracker's; NaN: none."""
+    rows: np.ndarray
+    """(n,) the rows behind it."""
+    error: np.ndarray
+    """(n,) [m] error of each."""
+    unreachable: np.ndarray
+    """Rows whose command the nominal robot cannot take."""
+    explanations: tuple[str, ...]
+    """Readings of the columns under which the data would fit, best first."""
+    aligned_rms: float
+    """[m] RMS after the best rigid registration of the measuring frame."""
+
+
+def compare(data: Measurements, robot: Robot) -> Nominal:
+    """Compare the data with the nominal robot, and look for a mix-up where they are far apart."""
+    full = np.flatnonzero(data.mask[:, :3].all(axis=1))
+    full = full[np.linspace(0, len(full) - 1, min(len(full), ROWS)).astype(int)] if len(full) else full
+    nothing = np.zeros(0, int)
+    if len(full) < (4 if data.frame == "tracker" else 1):
+        return Nominal(np.nan, nothing, np.zeros(0), nothing, (), np.nan)
+    some = data.take(full)
+    point, ok = _points(some, robot, list(range(some.q.shape[1])))
+    unreachable = full[~ok]
+    if ok.sum() < 4:
+        return Nominal(np.nan, nothing, np.zeros(0), unreachable, (), np.nan)
+    error = _error(point[ok], some.position[ok], data.frame, mirrored=False)
+    rms = _rms(error)
+    explanations = ()
+    # The median keeps a few wrong rows from being taken for a mix-up of all.
+    if np.median(error) > LARGE:
+        found = sorted((value, text) for value, text in _readings(some, robot, point, ok) if value < GAIN * rms)
+        explanations = tuple(text for value, text in found if value < 1.5 * found[0][0])
+    aligned = _rms(_error(point[ok], some.position[ok], "tracker", mirrored=False))
+    return Nominal(rms, full[ok], error, unreachable, explanations, aligned)
+
+
+def _points(data: Measurements, robot: Robot, order: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) [m] nominal TCPs with the actuator columns taken in another order, and which of them close."""
+    solution = kinematics.forward(robot.mechanism, robot.mechanism.nominal, data.q[:, order])
+    return solution.pose.tcp(data.tool), solution.ok
+
+
+def _readings(
+    data: Measurements, robot: Robot, point: np.ndarray, ok: np.ndarray
+) -> Iterator[tuple[float, str]]:
+    """RMS under every other reading of the columns, and what that reading says."""
+    names, n = data.actuators, len(data.actuators)
+    orders = list(permutations(range(n))) if n <= 3 else _transpositions(n)
+    for order in orders:
+        if list(order) == list(range(n)):
+            continue
+        other, closes = _points(data, robot, list(order))
+        if closes.mean() > 0.8:
+            said = ", ".join(f"{names[j]} is what stands in {names[i]}" for j, i in enumerate(order) if i != j)
+            yield _rms(_error(other[closes], data.position[closes], data.frame, mirrored=False)), said
+    if data.frame == "tracker":
+        yield _rms(_error(point[ok], data.position[ok], "tracker", mirrored=True)), "the tracker's frame is left-handed"
+        return
+    for order in permutations(range(3)):
+        for signs in np.ndindex(2, 2, 2):
+            sign = 1 - 2 * np.array(signs)
+            if order == (0, 1, 2) and (sign > 0).all():
+                continue
+            read = data.position[ok][:, order] * sign
+            said = ", ".join(
+                f"{'xyz'[j]} is {'−' if sign[j] < 0 else 'what stands in '}{'xyz'[i]}"
+                for j, i in enumerate(order)
+                if i != j or sign[j] < 0
+            )
+            yield _rms(_error(point[ok], read, "base", mirrored=False)), said
+
+
+def _transpositions(n: int) -> list[tuple[int, ...]]:
+    out = []
+    for i in range(n):
+        for j in range(i + 1, n):
+            order = list(range(n))
+            order[i], order[j] = j, i
+            out.append(tuple(order))
+    return out
+
+
+def _error(point: np.ndarray, position: np.ndarray, frame: str, *, mirrored: bool) -> np.ndarray:
+    """(N,) [m] distances; in a tracker's frame after the best rigid registration (Kabsch), or mirrored one."""
+    if frame == "base":
+        return np.linalg.norm(position - point, axis=1)
+    a, b = point - point.mean(axis=0), position - position.mean(axis=0)
+    u, _, vt = np.linalg.svd(a.T @ b)
+    hand = np.sign(np.linalg.det(u @ vt)) * (-1 if mirrored else 1)
+    turn = u @ np.diag([1, 1, hand]) @ vt
+    return np.linalg.norm(b - a @ turn, axis=1)
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
