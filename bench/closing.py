@@ -52,6 +52,16 @@ class Loops:
         self.driven_dof = model.jnt_dofadr[joints]
         self.free = np.setdiff1d(np.arange(model.nv), self.driven_dof)
         self._step = np.zeros(model.nv)
+        self._geared = np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT)
+        self._follower = model.jnt_qposadr[model.eq_obj1id[self._geared]]
+        self._leader = model.jnt_qposadr[model.eq_obj2id[self._geared]]
+
+    def drive(self, theta: np.ndarray) -> None:
+        """Put the driven joints at theta (n_driven,) [rad or m], and what they drive by a gear where it then starts."""
+        qpos = self.data.qpos
+        qpos[self.driven_qpos] = theta
+        if len(self._geared):
+            qpos[self._follower] = self.model.eq_data[self._geared, 1] * qpos[self._leader]
 
     def evaluate(self) -> tuple[np.ndarray, np.ndarray]:
         """Residual (nefc,) [m] and Jacobian (nefc, nv) at `data.qpos`; views that the next call overwrites."""

@@ -15,6 +15,9 @@ import numpy as np
 
 from pcalib import rotation
 
+NUMBERS = ("rod", "tendon", "gear")
+"""Places of one number; the others are of a vector."""
+
 
 @dataclass(frozen=True)
 class Place:
@@ -26,16 +29,21 @@ class Place:
     ``site``    parameter (3,) [m] = position of a site
     ``rod``     parameter [m] = length: the named body sits at (0, 0, −l) of its rod
     ``tendon``  parameter [m] = length that an equality holds the named tendon at
+    ``pivot``   parameter (3,) [m] = point of a joint in its body, which is unmoved where the joint reads zero
+    ``axis``    parameter (3,) [rad] = rotation vector τ of a joint's axis: exp(τ)·(nominal axis)
+    ``gear``    parameter [1] = motion of a joint per motion of its motor, in units of `factor`, held by the equality
     """
 
-    what: Literal["body", "turn", "site", "rod", "tendon"]
+    what: Literal["body", "turn", "site", "rod", "tendon", "pivot", "axis", "gear"]
     element: str
     parameter: str
     """Stem of the name: 'p1' for p1.x, p1.y, p1.z; the whole name of a length."""
     within: str = ""
     """Body in whose frame the parameter is given, where that is not the element's own parent."""
     nominal: np.ndarray = field(default_factory=lambda: np.eye(3))
-    """(3, 3) R_nominal of a turn."""
+    """(3, 3) R_nominal of a turn; (3,) nominal axis."""
+    factor: float = 1.0
+    """Gear ratio at parameter value 1 [1 or m/rad]."""
 
 
 class Geometry:
@@ -50,10 +58,10 @@ class Geometry:
             chosen = [p for p in places if p.what == what]
             columns = []
             for p in chosen:
-                names = [p.parameter] if what in ("rod", "tendon") else [f"{p.parameter}.{axis}" for axis in "xyz"]
+                names = [p.parameter] if what in NUMBERS else [f"{p.parameter}.{axis}" for axis in "xyz"]
                 columns.append([at[name] for name in names])
                 placed.update(names)
-            return chosen, np.array(columns, int).reshape(len(chosen), 1 if what in ("rod", "tendon") else 3)
+            return chosen, np.array(columns, int).reshape(len(chosen), 1 if what in NUMBERS else 3)
 
         bodies, self._body_columns = select("body")
         self._bodies = np.array([model.body(p.element).id for p in bodies], int)
@@ -67,6 +75,14 @@ class Geometry:
         self._rods = np.array([model.body(p.element).id for p in rods], int)
         tendons, self._tendon_columns = select("tendon")
         self._tendons = np.array([model.tendon(p.element).id for p in tendons], int)
+        pivots, self._pivot_columns = select("pivot")
+        self._pivots = np.array([model.joint(p.element).id for p in pivots], int)
+        axes, self._axis_columns = select("axis")
+        self._axes = np.array([model.joint(p.element).id for p in axes], int)
+        self._axis_nominal = np.array([p.nominal for p in axes]).reshape(-1, 3)
+        gears, self._gear_columns = select("gear")
+        self._gears = np.array([model.equality(p.element).id for p in gears], int)
+        self._gear_factors = np.array([p.factor for p in gears])
         # A site that the compiler found in its body's origin is flagged so, and its position would never be read.
         model.site_sameframe[self._sites] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
         # The equality of a tendon compares with its length in the file plus a coefficient: keep all in the former.
@@ -96,5 +112,12 @@ class Geometry:
         model.body_quat[self._turns] = rotation.to_quaternion(rotation.exp(k[self._turn_columns]) @ self._turn_nominal)
         model.site_pos[self._sites] = k[self._site_columns]
         model.body_pos[self._rods, 2] = -k[self._rod_columns[:, 0]] if len(self._rods) else 0.0
+        if len(self._pivots):
+            model.jnt_pos[self._pivots] = k[self._pivot_columns]
+        if len(self._axes):
+            turn = rotation.exp(k[self._axis_columns])
+            model.jnt_axis[self._axes] = (turn @ self._axis_nominal[..., None])[..., 0]
+        if len(self._gears):
+            model.eq_data[self._gears, 1] = self._gear_factors * k[self._gear_columns[:, 0]]
         if len(self._tendons):
             model.tendon_length0[self._tendons] = k[self._tendon_columns[:, 0]]

@@ -81,12 +81,12 @@ class Machine:
         home = self.kind.home(self.robot)
         model, data, loops = self.model, self.loops.data, self.loops
         plate = model.joint("plate").qposadr[0]
-        data.qpos[loops.driven_qpos] = home.q
         data.qpos[plate : plate + 3] = home.x
         mujoco.mju_mat2Quat(data.qpos[plate + 3 : plate + 7], home.R.ravel())
         self._home_q, self._home_R, self._home_sign = home.q, home.R, 0.0
         for k in (self.robot.mechanism.nominal, self.k):
             self.geometry.write(k)
+            loops.drive(home.q)
             if self._bodies:
                 self._aim_rods()
             closed = loops.close()
@@ -129,14 +129,14 @@ class Machine:
         """Bring `data` to the pose for driven joints at theta; its status."""
         loops, data = self.loops, self.loops.data
         data.qpos[:] = self._home
-        data.qpos[loops.driven_qpos] = theta
+        loops.drive(theta)
         closed = loops.close()
         if self._fits(closed):
             return "ok"
         for steps in WALKS:
             data.qpos[:] = self._home
             for s in range(1, steps + 1):
-                data.qpos[loops.driven_qpos] = self._home_q + (theta - self._home_q) * (s / steps)
+                loops.drive(self._home_q + (theta - self._home_q) * (s / steps))
                 closed = loops.close()
                 if not self._fits(closed):
                     break
