@@ -493,7 +493,7 @@ def expected_rank(
     frame_unknown: bool,
 ) -> int:
     """Directions that 40 well-spread poses per (measured components, tool) would identify at nominal geometry."""
-    from pcalib.planning import reachable
+    from pcalib.workspace import reachable
 
     q = reachable(robot, 40, np.random.default_rng(0)).q
     nominal = replace(Model.nominal(robot), frame=Frame() if frame_unknown else None)
