@@ -5,6 +5,8 @@ This is a description only; the kinematics live in the mechanism that the kind b
 
 from __future__ import annotations
 
+import math
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -86,7 +88,7 @@ def parse(text: str, source: str | Path = "robot") -> Robot:
     """A robot from the text of its file; `source` names it in messages."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:  # the latter: brackets nested thousandfold
         raise InputError(f"not valid TOML: {error}", file=source, remedy="see models/delta.toml for the form") from None
     try:
         return from_table(table, text)
@@ -94,7 +96,7 @@ def parse(text: str, source: str | Path = "robot") -> Robot:
         if error.file is not None:
             raise
         raise InputError(
-            error.problem, file=source, line=_line_of(text, error.column), column=error.column, remedy=error.remedy
+            error.problem, file=source, line=_line_of(text, error), column=error.column, remedy=error.remedy
         ) from None
 
 
@@ -126,17 +128,12 @@ def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
         gravity = _section(table, "gravity", {"vector[]": "acceleration"})["vector"]
         if gravity.shape != (3,):
             raise InputError("[gravity] vector_m_s2 needs three numbers", column="vector")
-    drive = {}
-    if "drive" in table:
-        drive = dict(table["drive"])
-        for key in drive:
-            if key != "ripple_per_turn":
-                raise InputError(unknown("key in [drive]", key, ["ripple_per_turn"]), column=key)
+    drive = _drive(table["drive"]) if "drive" in table else {}
     robot = Robot(
         table["name"], table["kind"], dimensions, joints["min"], joints["max"], mass, Workspace(**workspace),
         gravity, drive, text,
     )
-    robot.mechanism  # a robot that cannot be built is a bad file, and is said so here
+    _ = robot.mechanism  # a robot that cannot be built is a bad file, and is said so here
     return robot
 
 
@@ -165,21 +162,50 @@ def _section(
         key, factor = found[quantity]
         raw = section[key]
         values = raw if quantity in lists else [raw]
-        if not isinstance(values, list) or not all(
-            isinstance(v, (int, float)) and not isinstance(v, bool) and np.isfinite(v) for v in values
-        ):
+        if not isinstance(values, list) or not all(map(_is_number, values)):
             what = "a list of numbers" if quantity in lists else "a number"
             raise InputError(f"[{name}] '{key}' must be {what}, not {raw!r}", column=key)
         si = np.array(values, float) * factor
+        if quantity.endswith(("length", "radius")) and not (si >= 0).all():
+            raise InputError(f"[{name}] '{key}' is negative", column=key)
         out[quantity] = si if quantity in lists else float(si[0])
     return out
 
 
-def _line_of(text: str, key: str | None) -> int | None:
-    """Line on which a key is written, for messages."""
-    if key is None:
+def _drive(section: Any) -> dict[str, Any]:
+    """[drive]: cycles of gear ripple per turn of a motor axis."""
+    if not isinstance(section, dict):
+        raise InputError("'drive' is no section", column="drive", remedy="write [drive], below it ripple_per_turn = [24]")
+    for key, value in section.items():
+        if key != "ripple_per_turn":
+            raise InputError("[drive] " + unknown("key", key, ["ripple_per_turn"]), column=key)
+        if not isinstance(value, list) or not all(_is_number(n) and n > 0 and n == int(n) for n in value):
+            raise InputError(f"[drive] '{key}' must be a list of whole numbers above 0, not {value!r}", column=key)
+    return dict(section)
+
+
+def _is_number(value: Any) -> bool:
+    """A finite number that a float can hold."""
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _line_of(text: str, error: InputError) -> int | None:
+    """Line on which the key that an error is about is written, in the [section] that its message begins with."""
+    if error.column is None:
         return None
+    wanted = re.match(r"\[(\w+)\]", error.problem)
+    section = ""
     for number, line in enumerate(text.splitlines(), 1):
-        if line.split("=")[0].strip().startswith(key):
+        bare = line.strip()
+        if bare.startswith("["):
+            section = bare.strip("[]").split("]")[0].strip()
+        key = bare.split("=")[0].strip()
+        meant = key == error.column or key.startswith(f"{error.column}_")
+        if meant and (wanted is None or section == wanted.group(1)):
             return number
     return None

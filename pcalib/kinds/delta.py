@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pcalib.actuation import Carriages, RotaryArms
-from pcalib.kinds import Kind
+from pcalib.kinds import Kind, table
 from pcalib.mechanism import Level, Mechanism, Pose
 
 _AXES = "xyz"
@@ -16,7 +16,7 @@ _AXES = "xyz"
 
 def build(dimensions: Mapping[str, Any]) -> Mechanism:
     """A Delta from its nominal dimensions, 60 raw parameters: p(9) a(18) b(18) l(6) beta(9)."""
-    azimuth = np.asarray(dimensions["axis_azimuth"], float)
+    azimuth = table(dimensions, "axis_azimuth", 3)
     half = 0.5 * dimensions["rod_spacing"]
     arm = np.repeat(np.arange(3), 2)
     pairs = [f"{i + 1}{j + 1}" for i in range(3) for j in range(2)]
