@@ -71,12 +71,12 @@ DELTA_METHODS = (
     Method("none", "no calibration"),
     Method("classical", "classical: 9 parameters", {"level": "classical", "method": "base"}),
     Method("model24", "Model 24: perfect parallelograms", {"level": "model24", "method": "base"}),
-    Method("linear_weighted_first_order", "the paper: linear LS, first order", {"method": "linear"}, "first-order"),
+    Method("linear_weighted_first_order", "the paper: linear LS weighted by 1σ, first order", {"method": "linear"}, "first-order"),
     Method("gauss_newton_exact", "Gauss–Newton on the base, exact inverse", {"method": "base"}),
     Method("map_exact", "MAP on all, exact inverse", {"method": "map"}),
     Method("map_position_one_tool", "MAP, position only, one tool", {"method": "map"}, reads="position"),
     Method(
-        "map_position_three_tools", "MAP, position only, three tools", {"method": "map"}, reads="position, three tools"
+        "map_position_three_tools", "MAP, position only, same poses with three tools", {"method": "map"}, reads="position, three tools"
     ),
 )
 
@@ -284,6 +284,7 @@ MEASURED_AT = 0.1
 USED_AT = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3)
 NOISE = (0.1, 0.3, 1.0, 3.0, 10.0)
 POSES = (5, 10, 19, 37, 91, 181)
+AXIS_SHARE = 5
 SCALES = (0.05, 0.1, 0.2, 0.5, 1.0, 1.5, 2.0)
 
 
@@ -312,7 +313,7 @@ def run(
     """All studies.
 
     Args:
-        seeds: noise seeds of the tables; the studies along an axis use a third of them.
+        seeds: noise seeds of the tables; the studies along an axis use a fifth of them.
         robots: random Deltas.
         quick: fewer values along each axis.
         tick: called after each of :func:`n_jobs` jobs.
@@ -347,7 +348,7 @@ def _jobs(seeds: int, robots: int, quick: bool) -> list[tuple[tuple[str, float |
     """Batches of seeds of each trial, and of Deltas."""
     jobs: list[tuple[tuple[str, float | str], range]] = []
     for key in trials(quick):
-        n = seeds if key[0] in ("ladder", "transfer") else max(1, seeds // 3)
+        n = seeds if key[0] in ("ladder", "transfer") else max(1, seeds // AXIS_SHARE)
         jobs += [(key, range(i, min(i + 20, n))) for i in range(0, n, 20)]
     for name in DELTA_ERRORS:
         jobs += [(("delta", name), range(i, min(i + 2, robots))) for i in range(0, robots, 2)]

@@ -1,0 +1,111 @@
+"""The study of :mod:`bench.jobs.savoure2006` as tables, and the command of scripts/reproduce_savoure2006."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from cyclopts import App, Parameter
+
+from bench.jobs import savoure2006 as study
+from bench.jobs import savoure2006_figures as figures
+from pcalib.cli import frame
+from pcalib.errors import InputError
+
+
+def command(
+    *, seeds: int = 200, out: Path = Path("out/savoure2006"), json: frame.JsonOption = None, robots: int = 20,
+    workers: int | None = None, quick: bool = False,
+) -> int:  # fmt: skip
+    """Repeat the numerical study of Savoure et al. (ICRA 2006), and go on from there.
+
+    Prints the planar ladder for tools of 0, 100 and 200 mm, what a calibration at 100 mm is worth with other tools, and
+    the ladder of the Delta. Draws figures 5, 6 and 7 of the paper, and three more. See docs/paper.md.
+
+    Args:
+        seeds: Noise seeds of the tables; the studies of noise, poses and scale use a fifth of them.
+        out: Folder for the figures.
+        robots: Random Deltas.
+        workers: Processes; as many as there are processors where not given.
+        quick: A few seeds, robots and values only, to see that everything runs.
+    """
+    if quick:
+        seeds, robots = min(seeds, 10), min(robots, 2)
+    for name, value in (("--seeds", seeds), ("--robots", robots), ("--workers", workers)):
+        if value is not None and value < 1:
+            raise InputError(f"{name} {value} must be at least 1")
+    _writable(out, json)
+    with frame.progress("seeds and robots", study.n_jobs(seeds, robots, quick)) as advance:
+        found = study.run(seeds, robots, quick, workers or os.cpu_count() or 1, advance)
+    show(found)
+    for path in figures.save(found, out):
+        print(path)
+    frame.write_json(json, study.summary(found))
+    return frame.OK
+
+
+def _writable(out: Path, json: Path | None) -> None:
+    """Say before the work, not after it, that the results have no place to go."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make this folder: {error.strerror}", file=out, remedy="name another with --out") from None
+    if json is not None and not json.absolute().parent.is_dir():
+        raise InputError("cannot write: there is no such folder", file=json, remedy="name a folder that exists")
+
+
+Column = tuple[str, study.Scores, float]
+"""Heading, scores, tool length in use."""
+
+
+def show(found: study.Study) -> None:
+    """Print the tables and what follows from them."""
+    _table(
+        f"Planar mechanism of Table 2, measured and used with one tool, mean of {found.seeds} seeds",
+        study.PLANAR_METHODS,
+        [(f"h = {1e3 * h:.0f}", scores, h) for h, scores in found.ladder.items()],
+    )
+    _table(
+        "The same, measured with h = 100 mm, used with others",
+        study.PLANAR_METHODS,
+        [(f"h = {1e3 * h:.0f}", found.transfer, h) for h in study.TOOLS],
+    )
+    for name, scores in found.delta.items():
+        length, angle = study.DELTA_ERRORS[name]
+        _table(
+            f"Delta, errors {1e3 * length:g} mm and {angle / study.DEGREE:g}° (1σ), {study.DELTA_POSES} poses measured "
+            f"at the plate, {len(study.delta_targets())} targets",
+            study.DELTA_METHODS,
+            [(f"tool {1e3 * h:.0f}", scores, h) for h in study.DELTA_TOOLS],
+        )
+    print(f"planar: {found.rank} of 9 errors can be identified")
+    for h, scores in found.ladder.items():
+        old, paper, ours = (scores[key, h].rms for key in ("classical", "paper_linear_first_order", "map_exact"))
+        print(
+            f"h = {1e3 * h:3.0f} mm: the paper's method is {old / paper:.0f} times better than the classical one; "
+            f"MAP with the exact inverse another {paper / ours:.1f} times"
+        )
+
+
+def _table(title: str, methods: Sequence[study.Method], columns: Sequence[Column]) -> None:
+    rows = [
+        [m.label, *(f"{1e3 * s[m.key, h].rms:.4f} / {1e3 * s[m.key, h].max:.4f}" for _, s, h in columns)]
+        for m in methods
+    ]
+    frame.show_table(["RMS / max [mm]", *(heading for heading, _, _ in columns)], rows, title=title)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    program = App(
+        name="reproduce_savoure2006", help_format="plaintext", version_flags=[], result_action="return_value",
+        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
+    )  # fmt: skip
+    program.default(command)
+    return frame.run(program, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
