@@ -7,10 +7,10 @@ A machine is one compiled MjModel. The order of things for one row, and what a f
 
 1. geometry   parameter values of this row             thermal growth
 2. shaft      where the motor shafts really are        encoder, gear
-3. prepare    base, gravity, springs and forces        base drift, tilt, payload
+3. prepare    base, gravity, springs and forces        base drift, tilt
 4. solve      closed loops; with springs, equilibrium  whatever joints a fault has built into the MjSpec
 5. settle     sides of gaps by load, then 4 again      backlash, clearance
-6. reading    what an instrument would see             creep of the tool mount
+6. mount      where the TCP is in the tool's frame     creep of the tool mount
 
 Every row is solved from the same home pose, so that no row depends on another: any split over workers gives the same
 bits. Newton starts at home with the motors moved; where that ends on another branch, or nowhere, the motors are
@@ -19,20 +19,24 @@ walked there in small steps before the pose is given up.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
 
 from bench import kinds
-from bench.closing import Closed, Loops
-from bench.commands import Commands, Landing
+from bench.closing import Closed
+from bench.commands import Commands, Landing, Row
+from bench.faults import Fault
 from bench.geometry import Geometry
+from bench.rig import Rig
 from pcalib.errors import InputError, ReachError, unknown
 from pcalib.robot import Robot
 
 WALKS = (4, 24)
 """Steps from home to the command when the direct way fails."""
+SIDES = 20
+"""How often the sides of gaps may change before a row is given up."""
 JOINT_SLACK = 1e-9
 """[rad or m] by which a command may pass a joint limit: rounding of files."""
 
@@ -43,6 +47,7 @@ class Machine:
     Args:
         robot: nominal robot.
         values: true parameters, by name (others nominal) or as a vector (nk,) in the robot's order [m, rad].
+        faults: what else is wrong with it; those of size zero are left out.
         variant: which model of the kind, 'rods' or a cross-check such as 'tendons'.
 
     Raises:
@@ -51,7 +56,12 @@ class Machine:
     """
 
     def __init__(
-        self, robot: Robot, values: Mapping[str, float] | np.ndarray | None = None, *, variant: str = "rods"
+        self,
+        robot: Robot,
+        values: Mapping[str, float] | np.ndarray | None = None,
+        faults: Sequence[Fault] = (),
+        *,
+        variant: str = "rods",
     ):
         self.robot = robot
         self.kind = kinds.get(robot.kind)
@@ -59,10 +69,19 @@ class Machine:
             raise InputError(unknown("variant", variant, self.kind.variants))
         maker = self.kind.variants[variant]
         spec = maker.spec(robot)
-        for key in spec.keys:
-            spec.delete(key)
-        self.model = spec.compile()
-        self.loops = Loops(self.model, robot.mechanism.actuators)
+        self.faults = tuple(fault for fault in faults if not fault.absent)
+        for fault in self.faults:
+            fault.springs.clear()
+            fault.held.clear()
+            fault.build(spec)
+        self.rig = Rig(
+            robot,
+            spec,
+            springs=[joint for fault in self.faults for joint in fault.springs],
+            held=[joint for fault in self.faults for joint in fault.held],
+            loaded=any(fault.loaded for fault in self.faults),
+        )
+        self.model, self.loops = self.rig.model, self.rig.loops
         self.geometry = Geometry(self.model, robot.mechanism.parameters, maker.places(robot))
         self.k = parameter_vector(robot, values)
         """(nk,) true geometry."""
@@ -83,10 +102,13 @@ class Machine:
         plate = model.joint("plate").qposadr[0]
         data.qpos[plate : plate + 3] = home.x
         mujoco.mju_mat2Quat(data.qpos[plate + 3 : plate + 7], home.R.ravel())
-        self._home_q, self._home_R, self._home_sign = home.q, home.R, 0.0
+        self._home_R, self._home_sign = home.R, 0.0
+        at_home = np.zeros(len(loops.driven_qpos))
+        at_home[: self.rig.actuators] = home.q
         for k in (self.robot.mechanism.nominal, self.k):
             self.geometry.write(k)
-            loops.drive(home.q)
+            self._written = k
+            loops.drive(at_home)
             if self._bodies:
                 self._aim_rods()
             closed = loops.close()
@@ -115,8 +137,10 @@ class Machine:
 
     def _fits(self, closed: Closed) -> bool:
         """Whether the pose in `data` is closed and on the working branch: guards that need no kinematic model."""
-        if not closed.ok or closed.orientation != self._home_sign:
-            return False
+        return closed.ok and closed.orientation == self._home_sign and self._hangs_well()
+
+    def _hangs_well(self) -> bool:
+        """Whether the rods hang down and the plate is hardly turned."""
         data = self.loops.data
         if self.kind.rods_down:
             top = (data.xpos if self._bodies else data.site_xpos)[self._anchors, 2]
@@ -125,18 +149,52 @@ class Machine:
         cosine = 0.5 * (data.xmat[self._plate].dot(self._home_R.ravel()) - 1.0)
         return self.kind.max_tilt > np.pi or cosine >= np.cos(self.kind.max_tilt)
 
-    def _solve(self, theta: np.ndarray) -> str:
-        """Bring `data` to the pose for driven joints at theta; its status."""
-        loops, data = self.loops, self.loops.data
+    def _solve(self, row: Row) -> str:
+        """Bring `data` to the pose of one command; its status."""
+        rig, theta, k = self.rig, row.q, self.k
+        for fault in self.faults:
+            k = fault.geometry(k, row)
+            theta = fault.shaft(theta, row)
+        if k is not self._written:
+            self.geometry.write(k)
+            self._written = k
+        rig.prepare(row, theta)
+        for fault in self.faults:
+            fault.prepare(rig, row)
+        seen = set()
+        while (status := self._rest()) == "ok":
+            # All faults look before the row is solved again, so that their order does not matter.
+            if not any([fault.settle(rig, row) for fault in self.faults]):
+                return "ok"
+            state = rig.driven.tobytes()
+            if state in seen or len(seen) > SIDES:  # the load pushes a gap shut from either side: it hangs between
+                return "not_converged"
+            seen.add(state)
+        return status
+
+    def _rest(self) -> str:
+        """Closed loops and, where there are forces to balance, equilibrium from there."""
+        status = self._close()
+        if status == "ok" and self.rig.equilibrium is not None:
+            if not self.rig.equilibrium.settle().ok:
+                return "not_converged"
+            if not self._hangs_well():
+                return "wrong_branch"
+        return status
+
+    def _close(self) -> str:
+        """Close the loops for the driven joints, all springs unstretched."""
+        loops, data, target = self.loops, self.loops.data, self.rig.driven
         data.qpos[:] = self._home
-        loops.drive(theta)
+        loops.drive(target)
         closed = loops.close()
         if self._fits(closed):
             return "ok"
+        start = self._home[loops.driven_qpos]
         for steps in WALKS:
             data.qpos[:] = self._home
             for s in range(1, steps + 1):
-                loops.drive(self._home_q + (theta - self._home_q) * (s / steps))
+                loops.drive(start + (target - start) * (s / steps))
                 closed = loops.close()
                 if not self._fits(closed):
                     break
@@ -158,12 +216,19 @@ class Machine:
         status[~np.isfinite(commands.q).all(axis=1)] = "not_converged"
         x, flange = np.full((2, n, 3), np.nan)
         R, turn = np.full((2, n, 9), np.nan)
-        for row in np.flatnonzero(status == "ok"):
-            status[row] = self._solve(commands.q[row])
-            if status[row] == "ok":
-                x[row], R[row] = data.xpos[self._plate], data.xmat[self._plate]
-                flange[row], turn[row] = data.xpos[self._tool], data.xmat[self._tool]
-        tcp = flange + (turn.reshape(n, 3, 3) @ commands.tool[:, :, None])[:, :, 0]
+        tool = commands.tool.copy()
+        for fault in self.faults:
+            commands.need(fault.NEEDS, f"fault '{fault.name}'")
+        for i, row in enumerate(commands):
+            if status[i] != "ok":
+                continue
+            status[i] = self._solve(row)
+            if status[i] == "ok":
+                x[i], R[i] = data.xpos[self._plate], data.xmat[self._plate]
+                flange[i], turn[i] = data.xpos[self._tool], data.xmat[self._tool]
+                for fault in self.faults:
+                    tool[i] = fault.mount(tool[i], row)
+        tcp = flange + (turn.reshape(n, 3, 3) @ tool[:, :, None])[:, :, 0]
         return Landing(x, R.reshape(n, 3, 3), tcp, status)
 
     def land(self, q: np.ndarray, tool: np.ndarray | float = 0.0) -> Landing:

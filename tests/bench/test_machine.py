@@ -134,7 +134,7 @@ def test_wrong_branch_is_refused():
     rods = [machine.model.joint(f"rod{r}.x").qposadr[0] for r in MECHANISM.rods]
     plate = machine.model.joint("plate").qposadr[0]
     data.qpos[:] = machine._home
-    data.qpos[rods] = np.pi - machine._home[rods] - 2 * machine._home_q[0]
+    data.qpos[rods] = np.pi - machine._home[rods] - 2 * data.qpos[loops.driven_qpos[0]]
     data.qpos[plate + 2] += 1.2
     closed = loops.close()
     assert closed.ok and data.xpos[machine._plate, 2] > -0.2

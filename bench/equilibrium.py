@@ -1,0 +1,137 @@
+"""Static equilibrium of robots with springs: Newton on MuJoCo's own forces and constraints.
+
+At rest every free joint balances and every loop is closed,
+
+    F(q) + J(q)ᵀ·λ = 0,    c(q) = 0,    F = passive forces (springs) − weight + applied forces,
+
+with F, c and J from MuJoCo and λ the forces of the constraints. One step solves
+
+    [K  −Jᵀ] [dq]   [F]
+    [J    0] [ λ] = [−c]
+
+K need not be exact: the springs of the joints stand for it, which leaves out what pre-stressed geometry adds. That is
+smaller by load/(length × stiffness), 1e-5 of stiff machine parts, so each step gains four or five digits. Where springs
+are soft and steps gain too little, K is taken by central differences of F + Jᵀλ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.linalg.lapack import dgesv
+
+from bench.closing import Loops
+
+TOLERANCE = 1e-12
+"""[m] of loop error, and [m, rad] of the last step."""
+SLOW = 0.1
+"""A step longer than this share of the one before calls for the exact tangent."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """How the search for equilibrium ended; the pose itself stands in the MjData."""
+
+    ok: bool
+    residual: float
+    """Norm of loop errors and last step [m, rad]."""
+    iterations: int
+
+
+class Equilibrium:
+    """Rest positions of one model, in the MjData of its loops.
+
+    Args:
+        loops: the rigid robot, all springs held.
+        springs: names of those held joints that are springs, and free here.
+    """
+
+    def __init__(self, loops: Loops, springs: Sequence[str] = ()):
+        self.loops, model = loops, loops.model
+        joints = np.array([model.joint(name).id for name in springs], int)
+        self._spring_qpos, spring_dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+        self._joints = joints
+        self.free = np.sort(np.concatenate([loops.free, spring_dofs]))
+        self._diagonal = np.searchsorted(self.free, spring_dofs)
+        self._step = np.zeros(model.nv)
+        self._bias = np.zeros(model.nv)
+        self._multipliers = np.zeros(0)
+        self.reaction = np.zeros(model.nv)
+        """(nv,) [N, N·m] F + Jᵀλ: zero on free joints; on a held one the load that it has to carry, positive where
+        the load pushes the joint towards positive values."""
+
+    def forces(self) -> np.ndarray:
+        """F (nv,) at `data.qpos` at rest; kinematics must be up to date."""
+        model, data = self.loops.model, self.loops.data
+        mujoco.mj_passive(model, data)
+        mujoco.mj_rne(model, data, 0, self._bias)
+        return data.qfrc_passive + data.qfrc_applied - self._bias
+
+    def settle(self, tolerance: float = TOLERANCE, max_iterations: int = 40) -> Rest:
+        """Newton from `data.qpos`, which should be closed, until loops and forces balance."""
+        loops, free, n = self.loops, self.free, len(self.free)
+        exact, K = False, np.zeros((n, n))
+        last, residual = math.inf, math.inf
+        iteration = 0
+        for iteration in range(max_iterations):
+            c, J = loops.evaluate()
+            F = self.forces()
+            m = len(c)
+            if not exact:
+                K = self._springs()
+            matrix = np.zeros((n + m, n + m))
+            scale = max(1.0, np.abs(K).max())  # keeps springs of 1e8 N/m and unit Jacobians in one system
+            Jf = J[:, free]
+            matrix[:n, :n], matrix[:n, n:], matrix[n:, :n] = K / scale, -Jf.T, Jf
+            _, _, solution, info = dgesv(matrix, np.concatenate([F[free] / scale, -c]))
+            if info != 0 or not np.isfinite(solution).all():
+                return Rest(False, math.inf, iteration)
+            step, multipliers = solution[:n], solution[n:] * scale
+            size = math.sqrt(step.dot(step))
+            residual = math.sqrt(c.dot(c)) + size
+            self._multipliers = multipliers
+            self.reaction = F + J.T @ multipliers
+            if residual <= tolerance:
+                return Rest(True, residual, iteration)
+            if size > SLOW * last and size > 1e3 * tolerance:
+                K, exact = self._tangent(), True
+                last = math.inf
+                continue
+            last = size
+            limit = 0.1  # a spring that gives way further is no machine part any more
+            self._step[free] = step if size <= limit else step * (limit / size)
+            mujoco.mj_integratePos(loops.model, loops.data.qpos, self._step, 1.0)
+        return Rest(False, residual, iteration)
+
+    def _springs(self) -> np.ndarray:
+        """K from the springs of the joints alone, (n_free, n_free)."""
+        model, data = self.loops.model, self.loops.data
+        K = np.zeros((len(self.free), len(self.free)))
+        x = data.qpos[self._spring_qpos] - model.qpos_spring[self._spring_qpos]
+        poly = model.jnt_stiffnesspoly[self._joints]
+        k = model.jnt_stiffness[self._joints] + 2 * poly[:, 0] * x + 3 * poly[:, 1] * x**2
+        K[self._diagonal, self._diagonal] = k
+        return K
+
+    def _tangent(self, step: float = 1e-6) -> np.ndarray:
+        """K = −∂(F + Jᵀλ)/∂q at fixed λ by central differences, (n_free, n_free)."""
+        loops = self.loops
+        here, multipliers = loops.data.qpos.copy(), self._multipliers
+        K = np.zeros((len(self.free), len(self.free)))
+        move = np.zeros(loops.model.nv)
+        for column, dof in enumerate(self.free):
+            total = np.zeros(len(self.free))
+            for sign in (1.0, -1.0):
+                loops.data.qpos[:] = here
+                move[dof] = sign * step
+                mujoco.mj_integratePos(loops.model, loops.data.qpos, move, 1.0)
+                move[dof] = 0.0
+                _, J = loops.evaluate()
+                total += sign * (self.forces() + J.T @ multipliers)[self.free]
+            K[:, column] = -total / (2 * step)
+        loops.data.qpos[:] = here
+        return K

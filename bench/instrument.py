@@ -1,0 +1,160 @@
+"""What an instrument makes of the poses that the robot takes.
+
+One instrument has all properties, most of them zero: noise that may grow with distance, a frame of its own, scale,
+drift, resolution, rows and components that go missing, gross outliers. Kinds differ in what they see at all:
+
+    pose       position and rotation (a 6-D laser tracker, a camera on a target)
+    position   position only (a laser tracker on one reflector)
+    probe      z only (a touch probe, a bed contact)
+
+Order: true pose → frame of the instrument (tracker) → drift → scale → noise, outliers → resolution → missing.
+Every row draws from a generator of its own, so that neither the order nor the number of workers matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench import settings
+from bench.settings import Setting
+from pcalib import rotation
+
+STREAM = 0x1257
+"""Keeps the draws of the instrument apart from all others of one seed."""
+PER_HOUR = 1 / 3600.0
+
+SETTINGS = (
+    Setting("kind", "word", "pose", words=("pose", "position", "probe"), about="what it sees"),
+    Setting("sigma_pos", "length", 0.0, 0.0, 0.1, about="1σ per component of position"),
+    Setting("sigma_rot", "angle", 0.0, 0.0, 0.2, about="1σ per component of rotation"),
+    Setting("sigma_distance", "ratio", 0.0, 0.0, 1e-2, about="further 1σ per distance from the instrument"),
+    Setting("sigma_joint", "angle", 0.0, 0.0, 0.1, about="repeatability of the drives, anew for every row"),
+    Setting("sigma_carriage", "length", 0.0, 0.0, 0.1, about="the same where drives move along a length"),
+    Setting("frame", "word", "base", words=("base", "tracker"), about="'tracker': its place is unknown to the user"),
+    Setting("position", "length", np.array([2.5, -1.0, -0.4]), per="axis", about="where it stands, base frame"),
+    Setting("rotation", "angle", np.array([0.3, -0.2, 2.0]), per="axis", about="rotation vector, its axes → base"),
+    Setting("scale", "ratio", 0.0, -0.1, 0.1, about="of all it measures from its own origin"),
+    Setting("drift", "velocity", np.zeros(3), per="axis", about="creep of the instrument, its own axes"),
+    Setting("drift_rot", "angular_velocity", np.zeros(3), per="axis", about="the same, turning about its origin"),
+    Setting("resolution_pos", "length", 0.0, 0.0, 0.1, about="step of its last digit"),
+    Setting("resolution_rot", "angle", 0.0, 0.0, 0.2, about="step of its last digit, rotation vector"),
+    Setting("outliers", "number", 0.0, 0.0, 1.0, about="share of rows that are grossly wrong"),
+    Setting("outlier_size", "length", 1e-3, 0.0, 1.0, about="1σ of their position error per component"),
+    Setting("missing_rows", "number", 0.0, 0.0, 1.0, about="share of rows that are lost"),
+    Setting("missing_rotations", "number", 0.0, 0.0, 1.0, about="share of rows without rotation"),
+    Setting("missing_components", "number", 0.0, 0.0, 1.0, about="share of x, y, z that are blank"),
+    Setting("state_sigma", "flag", True, about="whether the data file tells the noise"),
+)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the instrument wrote down for N rows."""
+
+    position: np.ndarray
+    """(N, 3) [m], measuring frame; NaN where not measured."""
+    rotation: np.ndarray
+    """(N, 3, 3); NaN where not measured."""
+    sigma_pos: np.ndarray
+    """(N,) [m] 1σ per component, as the instrument's maker states it."""
+    sigma_rot: np.ndarray
+    """(N,) [rad]."""
+    lost: np.ndarray
+    """(N,) bool, rows that never made it into the file."""
+    outlier: np.ndarray
+    """(N,) bool."""
+
+
+class Instrument:
+    """An instrument with given settings (SI)."""
+
+    def __init__(self, **values: Any):
+        known = {s.name for s in SETTINGS}
+        unknown = set(values) - known
+        if unknown:
+            raise TypeError(f"no such setting of an instrument: {', '.join(sorted(unknown))}")
+        defaults = settings.read({}, SETTINGS, "instrument", {"axis": 3})
+        self.values: dict[str, Any] = defaults | values
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Instrument:
+        """From the [instrument] table of a truth file.
+
+        Raises:
+            InputError: see :func:`bench.settings.read`.
+        """
+        return cls(**settings.read(table, SETTINGS, "instrument", {"axis": 3}))
+
+    def to_table(self) -> dict[str, Any]:
+        """The table that gives this instrument again."""
+        return settings.write(self.values, SETTINGS)
+
+    @property
+    def moves_with_time(self) -> bool:
+        """Whether the rows need a time."""
+        return bool(self.values["drift"].any() or self.values["drift_rot"].any())
+
+    def joint_noise(self, q: np.ndarray, dimension: str, seed: int, rows: np.ndarray) -> np.ndarray:
+        """(N, nq) by which the drives miss their commands; `rows` (N,) are the rows' numbers in the plan."""
+        sigma = self.values["sigma_joint" if dimension == "angle" else "sigma_carriage"]
+        if not sigma:
+            return np.zeros_like(q)
+        return sigma * np.stack([_generator(seed, 2 * int(r) + 1).standard_normal(q.shape[1]) for r in rows])
+
+    def read(
+        self, tcp: np.ndarray, R: np.ndarray, time: np.ndarray | None, seed: int, rows: np.ndarray
+    ) -> Reading:
+        """Measure N true poses.
+
+        Args:
+            tcp: (N, 3) [m] and R (N, 3, 3) in the base frame.
+            time: (N,) [s], where the instrument drifts.
+            rows: (N,) numbers of the rows in the plan: what each row draws depends on seed and number alone.
+        """
+        v, n = self.values, len(tcp)
+        draws = np.empty((n, 16))
+        for i, row in enumerate(rows):
+            generator = _generator(seed, 2 * int(row))
+            draws[i, :9], draws[i, 9:] = generator.standard_normal(9), generator.random(7)
+
+        place, turn = v["position"], rotation.exp(v["rotation"])
+        if v["frame"] == "tracker":
+            tcp, R = (tcp - place) @ turn, turn.T @ R
+            distance = np.linalg.norm(tcp, axis=1)
+        else:
+            distance = np.linalg.norm(tcp - place, axis=1)
+        if self.moves_with_time and time is not None:
+            # The instrument creeps away, so what it looks at seems to creep the other way.
+            back = np.swapaxes(rotation.exp(time[:, None] * v["drift_rot"]), 1, 2)
+            tcp = (back @ (tcp - time[:, None] * v["drift"])[:, :, None])[:, :, 0]
+            R = back @ R
+        tcp = tcp * (1 + v["scale"])
+
+        sigma_pos = np.hypot(v["sigma_pos"], v["sigma_distance"] * distance)
+        sigma_rot = np.full(n, float(v["sigma_rot"]))
+        outlier = draws[:, 9] < v["outliers"]
+        position = tcp + sigma_pos[:, None] * draws[:, 0:3] + (outlier * v["outlier_size"])[:, None] * draws[:, 6:9]
+        position = _rounded(position, v["resolution_pos"])
+        R = rotation.exp(sigma_rot[:, None] * draws[:, 3:6]) @ R if v["sigma_rot"] else R.copy()
+        if v["resolution_rot"]:
+            R = rotation.exp(_rounded(rotation.log(R), v["resolution_rot"]))
+
+        position = np.where(draws[:, 12:15] < v["missing_components"], np.nan, position)
+        R[draws[:, 11] < v["missing_rotations"]] = np.nan
+        if v["kind"] != "pose":
+            R = np.full_like(R, np.nan)
+        if v["kind"] == "probe":
+            position[:, :2] = np.nan
+        return Reading(position, R, sigma_pos, sigma_rot, draws[:, 10] < v["missing_rows"], outlier)
+
+
+def _generator(seed: int, stream: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(STREAM, stream))))
+
+
+def _rounded(values: np.ndarray, step: float) -> np.ndarray:
+    return np.round(values / step) * step if step else values
