@@ -7,8 +7,9 @@ import pytest
 
 from bench.kinds import MODELS
 from bench.machine import Machine
-from pcalib import kinematics, planning, rotation
+from pcalib import kinematics, rotation
 from pcalib import robot as robots
+from pcalib.workspace import reachable
 
 NAMES = ("delta_small", "delta_large", "hexa", "hexa321", "h4", "linear_delta", "hexapod")
 TOOL = np.array([0.02, -0.01, -0.3])
@@ -22,7 +23,7 @@ def load(name):
 
 @lru_cache
 def commands(name, n):
-    return planning.reachable(load(name), n, np.random.default_rng(1)).q
+    return reachable(load(name), n, np.random.default_rng(1)).q
 
 
 def apart(landing, pose):
@@ -72,7 +73,7 @@ def test_a_hexapod_that_hangs_and_takes_motor_angles():
     text = text.replace("min_mm = -120.0", "min_rev = -1.6").replace("max_mm = 120.0", "max_rev = 1.6")
     text = text.replace("z_min_mm = 400.0", "z_min_mm = -500.0").replace("z_max_mm = 500.0", "z_max_mm = -400.0")
     robot = robots.parse(text)
-    q = planning.reachable(robot, 50, np.random.default_rng(0)).q
+    q = reachable(robot, 50, np.random.default_rng(0)).q
     k = robot.mechanism.nominal + 1e-3 * np.random.default_rng(1).standard_normal(48)
     landing, core = Machine(robot, k).land(q, TOOL), kinematics.forward(robot.mechanism, k, q)
     assert landing.ok.all() and core.ok.all() and np.ptp(q) > np.pi

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import kinematics, planning, rotation
+from pcalib import kinematics, rotation
 from pcalib import robot as robots
 from pcalib.errors import InputError
 from pcalib.identifiability import THRESHOLD, priors, project_out
 from pcalib.mechanism import Pose
+from pcalib.workspace import reachable
 
 MODELS = Path(__file__).parents[2] / "models"
 NAMES = ("delta", "delta_small", "delta_large", "hexa", "hexa321", "h4", "linear_delta", "hexapod")
@@ -29,7 +30,7 @@ def load(name):
 
 @lru_cache
 def poses(name, n=40):
-    return planning.reachable(load(name), n, np.random.default_rng(3))
+    return reachable(load(name), n, np.random.default_rng(3))
 
 
 def perturbed(name, seed=0):
