@@ -83,7 +83,7 @@ def assign(table: Table, wanted: Mapping[str, str], plain: Iterable[str], actuat
             remedy = f"write '{near}', or rename your own column"
             raise table.error(f"column '{name}' is nearly a known one", remedy=remedy)
         numbered = re.fullmatch(r"(q|dir)(\d+)(?:_.*)?", name)
-        if numbered:
+        if numbered and not 1 <= int(numbered.group(2)) <= actuators:
             raise table.error(
                 f"column '{name}': there is no actuator {numbered.group(2)}",
                 remedy=f"this robot has {actuators}, counted from 1; is it the right robot file?",

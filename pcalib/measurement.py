@@ -112,6 +112,8 @@ class Measurements:
         """
         q, position = np.array(q, float), np.array(position, float)
         n = len(q)
+        if position.shape != (n, 3):
+            raise ValueError(f"position has shape {position.shape}, not {(n, 3)}")
         turn = np.full((n, 3, 3), np.nan) if rotation is None else np.array(rotation, float)
         mask = _mask(position, turn)
         sigma, stated = _sigma(mask, sigma_pos, sigma_rot)

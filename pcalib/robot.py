@@ -175,7 +175,7 @@ def _section(
 def _drive(section: Any) -> dict[str, Any]:
     """[drive]: cycles of gear ripple per turn of a motor axis."""
     if not isinstance(section, dict):
-        raise InputError("'drive' is no section", column="drive", remedy="write [drive], below it ripple_per_turn = [24]")
+        raise InputError("'drive' is no section", column="drive", remedy="write [drive] and ripple_per_turn = [24]")
     for key, value in section.items():
         if key != "ripple_per_turn":
             raise InputError("[drive] " + unknown("key", key, ["ripple_per_turn"]), column=key)

@@ -171,4 +171,7 @@ def parse_quantity(text: str, dimension: str, *, option: str = "value") -> np.nd
     if unit is None or unit.dimension != dimension:
         said = f"unknown unit '{match.group(2)}'" if match.group(2) else "no unit"
         raise InputError(f"{option} '{text}': {said}", remedy=f"end it with one of {accepted}, e.g. '0,0,-300mm'")
-    return np.array([float(v) for v in match.group(1).split(",")]) * unit.factor
+    values = np.array([float(v) for v in match.group(1).split(",")]) * unit.factor
+    if not np.isfinite(values).all():
+        raise InputError(f"{option} '{text}' is beyond what a number can hold", remedy=f"units: {accepted}")
+    return values
