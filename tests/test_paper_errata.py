@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import kinematics, planar_closed_form as closed, robot as robots, rotation
+from pcalib import kinematics, rotation
+from pcalib import planar_closed_form as closed
+from pcalib import robot as robots
 from pcalib.kinds.planar import A1X, B2Y, Q0
 
 MODELS = Path(__file__).parents[1] / "models"
@@ -28,7 +30,7 @@ def norm(v) -> np.ndarray:
     return np.linalg.norm(v, axis=-1)
 
 
-# --- the planar mechanism at a pose that hides nothing: b2y ≠ 0, q0 ≠ 0, all else perturbed ---------------------------
+# --- the planar mechanism where nothing hides: b2y ≠ 0, q0 ≠ 0, all else perturbed ---
 
 PLANAR = robots.load(MODELS / "planar.toml").mechanism
 K = PLANAR.nominal + np.array([0.08, 2e-3, -1e-3, 6e-3, 3e-3, -2e-3, 9e-3, 2e-3, -3e-3])
@@ -63,7 +65,10 @@ RISE = -b2y / l2  # G, corrected
 
 def eq_39(first: np.ndarray) -> float:
     """x of C when the first entry of k_C is `first`, per pose."""
-    x = [closed.forward(np.array([f, *K[1:]]), Q[i : i + 1]).tcp(np.array([0, -H, 0]))[0, :2] for i, f in enumerate(first)]
+    x = [
+        closed.forward(np.array([f, *K[1:]]), Q[i : i + 1]).tcp(np.array([0, -H, 0]))[0, :2]
+        for i, f in enumerate(first)
+    ]
     return np.abs(np.array(x) - C).max()
 
 
@@ -115,6 +120,7 @@ def eq_55(with_A1: float) -> float:
     v = np.stack([np.cos(Q + q0), np.sin(Q + q0)], axis=-1)
     worst = 0.0
     for j in range(9):
+
         def joint(e: float, j: int = j) -> np.ndarray:
             k = K + e * np.eye(9)[j]
             return point(newton(k), -k[4], 0)
@@ -169,7 +175,7 @@ def eq_70(identified: np.ndarray) -> float:
 RAW_BASE = TABLE_2[[PLANAR.index(name) for name in closed.BASE]]
 
 
-# --- the Delta ----------------------------------------------------------------------------------------------------------
+# --- the Delta ---
 
 DELTA = robots.load(MODELS / "delta.toml").mechanism
 RNG = np.random.default_rng(3)
@@ -225,7 +231,7 @@ def eq_12_bp(k, sign: float, turned: bool) -> float:
 
 
 def eq_13(merged: bool) -> float:
-    """δX of δb_1j = e and δp_1 = e together, which (13) calls nothing, on a tilted plate; relative to that of δp_1 alone."""
+    """δX of δb_1j = e and δp_1 = e together, nothing by (13), on a tilted plate; relative to that of δp_1 alone."""
     truth_p, truth_b = delta_truth(TILTED, xyz("p1")), delta_truth(TILTED, xyz("b11")) + delta_truth(TILTED, xyz("b12"))
     _, JX = delta_row(TILTED, 0)
     said = np.zeros((len(Q_DELTA), 6, 3))
@@ -240,7 +246,9 @@ def eq_13(merged: bool) -> float:
 def eq_14_rest() -> float:
     """The a and l blocks and (15), which stand as printed."""
     AB, _ = delta_row(DELTA.nominal, 0)
-    arm = rotation.about(np.array([0, 0, 1.0]), np.array(np.pi / 3)) @ rotation.about(np.array([1.0, 0, 0]), Q_DELTA[:, 0])
+    arm = rotation.about(np.array([0, 0, 1.0]), np.array(np.pi / 3)) @ rotation.about(
+        np.array([1.0, 0, 0]), Q_DELTA[:, 0]
+    )
     P1 = DELTA.nominal[[NAMES.index(n) for n in xyz("p1")]]
     sides = DELTA.actuation.base(DELTA.nominal, Q_DELTA).A
     turn = np.stack([np.cross(delta_row(DELTA.nominal, r)[0], P1 - sides[:, r]) for r in (0, 1)], axis=1)
@@ -265,7 +273,7 @@ class Erratum:
 
 
 ERRATA = [
-    Erratum("(39) first entry of k_C is q0, not q + q0", lambda: eq_39(Q + q0), lambda: eq_39(np.full(len(Q), q0)), 0.1),
+    Erratum("(39) k_C begins with q0, not q + q0", lambda: eq_39(Q + q0), lambda: eq_39(np.full(len(Q), q0)), 0.1),
     Erratum("(41) FPR_C(q, k_C), not (q0, k_C)", lambda: eq_41(np.full(len(Q), q0)), lambda: eq_41(Q), 0.1),
     Erratum("III: x_b is anti-parallel to O_b→A1", lambda: x_axis(+1.0), lambda: x_axis(-1.0), 0.1),
     Erratum("III: q + q0 and φ are angles to −y_b", lambda: angle_from(+1.0), lambda: angle_from(-1.0), 1.0),

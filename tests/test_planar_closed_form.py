@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcalib import kinematics, planar_closed_form as closed, robot as robots
+from pcalib import kinematics
+from pcalib import planar_closed_form as closed
+from pcalib import robot as robots
 
 MECHANISM = robots.load(Path(__file__).parents[1] / "models" / "planar.toml").mechanism
 NOMINAL = MECHANISM.nominal
@@ -18,7 +20,7 @@ TABLE_2 = np.array([np.radians(0.01), *np.array([1, 0, 3, 0, -2, 0, 1, -1]) * 1e
 
 
 def by_circles(k, q):
-    """x of O_p (N, 2) and α (N,), by intersecting the circle of rod 2 with that of the plate's side: no angles of the paper."""
+    """x of O_p (N, 2) and α (N,), by intersecting the circle of rod 2 with that of the plate's side."""
     q0, a1x, a2x, a2y, b1x, b2x, b2y, l1, l2 = k
     B1 = np.stack([-a1x + l1 * np.sin(q + q0), -l1 * np.cos(q + q0)], axis=-1)
     A2, side = np.array([a2x, a2y]), np.array([b1x + b2x, b2y])
@@ -106,7 +108,7 @@ def test_rank_is_six_of_nine_and_the_base_is_that_of_73(h):
 
 
 def test_table_2_in_the_base():
-    merged = dict(zip(closed.BASE, closed.to_base() @ TABLE_2))
+    merged = dict(zip(closed.BASE, closed.to_base() @ TABLE_2, strict=True))
     assert merged == pytest.approx(
         {"q0": np.radians(0.01), "a2x": 2e-3, "a2y": 3e-3, "b1x": -1e-3, "l1": 1e-3, "l2": -1e-3}, abs=1e-15
     )

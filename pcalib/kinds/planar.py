@@ -43,9 +43,7 @@ class DrivenRod:
         guide[:, DRIVE] = np.stack([c, s, 0 * c], axis=-1)  # v, normal to the rod direction u = (s, −c)
         dguide = np.zeros(A.shape)
         dguide[:, DRIVE] = np.stack([-s, c, 0 * c], axis=-1)
-        return BaseSide(
-            A=A, dA=np.zeros(A.shape), length=np.array([k[L1], k[L2], 0.0]), guide=guide, dguide=dguide
-        )
+        return BaseSide(A=A, dA=np.zeros(A.shape), length=np.array([k[L1], k[L2], 0.0]), guide=guide, dguide=dguide)
 
     def rows(self, k: np.ndarray, q: np.ndarray, side: BaseSide, n: np.ndarray, d: np.ndarray) -> np.ndarray:
         out = np.zeros((len(n), 3, 3))

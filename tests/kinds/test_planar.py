@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcalib import kinematics, robot as robots, rotation
+from pcalib import kinematics, rotation
+from pcalib import robot as robots
 
 MODEL = Path(__file__).parents[2] / "models" / "planar.toml"
 MECHANISM = robots.load(MODEL).mechanism
@@ -36,7 +37,7 @@ def test_parameters_are_those_of_the_paper():
 @settings(max_examples=40, deadline=None)
 @given(k=errors)
 def test_forward_poses_keep_both_rods_and_the_drive_angle(k):
-    v, pose = dict(zip(MECHANISM.parameters, k)), solve(k)
+    v, pose = dict(zip(MECHANISM.parameters, k, strict=True)), solve(k)
     B1, B2 = (pose.tcp(np.array(b)) for b in ([-v["b1x"], 0, 0], [v["b2x"], v["b2y"], 0]))
     rod1, rod2 = B1 - [-v["a1x"], 0, 0], B2 - [v["a2x"], v["a2y"], 0]
     assert np.linalg.norm(rod1, axis=1) == pytest.approx(v["l1"], abs=1e-12)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.jobs import savoure2006 as study
-from bench.jobs.savoure2006 import Scores, Study
+from bench.jobs.savoure2006 import study, trial
+from bench.jobs.savoure2006.study import Scores, Study
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOOK: dict[str, dict[str, Any]] = {
+LOOK: Mapping[str, Any] = {
     "none": {"color": "#D55E00", "linestyle": "-", "marker": "s"},
     "classical": {"color": "#0072B2", "linestyle": "--", "marker": "D"},
     "model24": {"color": "#56B4E9", "linestyle": "--", "marker": "d"},
@@ -34,7 +34,7 @@ SHORT = {
     "gauss_newton_exact": "Gauss–Newton on the base of 6, exact inverse",
     "map_exact": "all 9 with priors (MAP), exact inverse",
 }
-STYLE = {
+STYLE: Any = {
     "font.size": 9, "axes.titlesize": 10.5, "axes.titleweight": "bold", "axes.titlelocation": "left", "axes.grid": True,
     "grid.color": "#dddddd", "grid.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False,
     "lines.linewidth": 1.6, "lines.markersize": 4.5, "legend.frameon": False, "svg.hashsalt": "pcalib",
@@ -62,7 +62,9 @@ def save(found: Study, folder: Path) -> list[Path]:
         for name, make in draw.items():
             figure = make()
             for suffix in (".svg", ".png"):
-                figure.savefig(folder / f"{name}{suffix}", dpi=160, metadata={"Date": None} if suffix == ".svg" else None)
+                figure.savefig(
+                    folder / f"{name}{suffix}", dpi=160, metadata={"Date": None} if suffix == ".svg" else None
+                )
             paths.append(folder / f"{name}.png")
             plt.close(figure)
     return paths
@@ -73,11 +75,11 @@ def curves(scores: Scores, h: float, seeds: int) -> Figure:
     from matplotlib import pyplot as plt
 
     figure, (above, below) = plt.subplots(2, 1, figsize=(6.4, 6.0), sharex=True, layout="constrained")
-    q = study.Q_CHECKED / study.DEGREE
+    q = trial.Q_CHECKED / trial.DEGREE
 
     def plot(ax: Axes, keys: Sequence[str], factor: float) -> None:
         for key in keys:
-            look = LOOK[key] | {"marker": None}
+            look: Any = LOOK[key] | {"marker": None}
             s = scores[key, h]
             ax.plot(q, factor * s.curve, label=f"{SHORT[key]}: RMS {_length(s.rms)}, max {_length(s.max)}", **look)
         low, high = ax.get_ylim()
@@ -101,14 +103,14 @@ def noise_and_poses(found: Study) -> Figure:
     from matplotlib import pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.3), sharey=True, layout="constrained")
-    _axis(left, found.noise, factor=1e6 * study.SIGMA_POS)
+    _axis(left, found.noise, factor=1e6 * trial.SIGMA_POS)
     _axis(right, found.poses)
     left.set_xlabel("measuring noise, 1σ [µm]  (and as many 0.001°)")
     right.set_xlabel("measured poses")
     left.set_ylabel("RMS x-error of the TCP [µm], h = 200 mm")
     left.set_title("19 poses")
     right.set_title("noise 3 µm, 0.003°")
-    _ticks(left, [1e6 * study.SIGMA_POS * f for f in found.noise])
+    _ticks(left, [1e6 * trial.SIGMA_POS * f for f in found.noise])
     _ticks(right, list(found.poses))
     _legend_above(figure, left, "Better data help the fit that has no bias, and hardly any other")
     return figure
@@ -160,14 +162,14 @@ def delta(found: Study) -> Figure:
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(1, len(found.delta), figsize=(10.0, 4.9), sharey=True, layout="constrained")
-    lengths = [1e3 * h for h in study.DELTA_TOOLS]
+    lengths = [1e3 * h for h in trial.DELTA_TOOLS]
     for ax, (name, scores) in zip(axes, found.delta.items(), strict=True):
-        for key, label in ((m.key, m.label) for m in study.DELTA_METHODS):
-            rms = [1e6 * scores[key, h].rms for h in study.DELTA_TOOLS]
+        for key, label in ((m.key, m.label) for m in trial.DELTA_METHODS):
+            rms = [1e6 * scores[key, h].rms for h in trial.DELTA_TOOLS]
             ax.plot(lengths, rms, label=label, **LOOK[key])
-        length, angle = study.DELTA_ERRORS[name]
+        length, angle = trial.DELTA_ERRORS[name]
         ax.set_yscale("log")
-        ax.set_title(f"errors {1e3 * length:g} mm, {angle / study.DEGREE:g}° (1σ)")
+        ax.set_title(f"errors {1e3 * length:g} mm, {angle / trial.DEGREE:g}° (1σ)")
         ax.set_xlabel("tool length in use [mm]")
         ax.set_xticks(lengths)
     axes[0].set_ylabel("RMS distance of TCP and target [µm]")
@@ -177,13 +179,18 @@ def delta(found: Study) -> Figure:
 
 
 def _axis(
-    ax: Axes, values: Mapping[float, Scores], keys: Sequence[str] | None = None, factor: float = 1.0, faint: bool = False
+    ax: Axes,
+    values: Mapping[float, Scores],
+    keys: Sequence[str] | None = None,
+    factor: float = 1.0,
+    faint: bool = False,
 ) -> None:
     """RMS by the values of a study, both logarithmic."""
     for key in keys or [m.key for m in study.COMPARED]:
         rms = [1e6 * scores[key, study.LONG].rms for scores in values.values()]
-        thin = {"linewidth": 0.8, "markerfacecolor": "white"} if faint else {"label": SHORT[key]}
-        ax.plot(factor * np.array(list(values)), rms, **(LOOK[key] | thin))
+        more = {"linewidth": 0.8, "markerfacecolor": "white"} if faint else {"label": SHORT[key]}
+        look: Any = LOOK[key] | more
+        ax.plot(factor * np.array(list(values)), rms, **look)
     ax.set_xscale("log")
     ax.set_yscale("log")
     _decades(ax)

@@ -1,4 +1,4 @@
-"""The study of :mod:`bench.jobs.savoure2006` as tables, and the command of scripts/reproduce_savoure2006."""
+"""The study as tables, and the command of scripts/reproduce_savoure2006."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from pathlib import Path
 
 from cyclopts import App, Parameter
 
-from bench.jobs import savoure2006 as study
-from bench.jobs import savoure2006_figures as figures
+from bench.jobs.savoure2006 import figures, study, trial
 from pcalib.cli import frame
 from pcalib.errors import InputError
 
@@ -37,7 +36,7 @@ def command(
         if value is not None and value < 1:
             raise InputError(f"{name} {value} must be at least 1")
     _writable(out, json)
-    with frame.progress("seeds and robots", study.n_jobs(seeds, robots, quick)) as advance:
+    with frame.progress("seeds and robots", len(study.jobs(seeds, robots, quick))) as advance:
         found = study.run(seeds, robots, quick, workers or os.cpu_count() or 1, advance)
     show(found)
     for path in figures.save(found, out):
@@ -51,7 +50,9 @@ def _writable(out: Path, json: Path | None) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"cannot make this folder: {error.strerror}", file=out, remedy="name another with --out") from None
+        raise InputError(
+            f"cannot make this folder: {error.strerror}", file=out, remedy="name another with --out"
+        ) from None
     if json is not None and not json.absolute().parent.is_dir():
         raise InputError("cannot write: there is no such folder", file=json, remedy="name a folder that exists")
 
@@ -64,21 +65,21 @@ def show(found: study.Study) -> None:
     """Print the tables and what follows from them."""
     _table(
         f"Planar mechanism of Table 2, measured and used with one tool, mean of {found.seeds} seeds",
-        study.PLANAR_METHODS,
+        trial.PLANAR_METHODS,
         [(f"h = {1e3 * h:.0f}", scores, h) for h, scores in found.ladder.items()],
     )
     _table(
         "The same, measured with h = 100 mm, used with others",
-        study.PLANAR_METHODS,
-        [(f"h = {1e3 * h:.0f}", found.transfer, h) for h in study.TOOLS],
+        trial.PLANAR_METHODS,
+        [(f"h = {1e3 * h:.0f}", found.transfer, h) for h in trial.TOOLS],
     )
     for name, scores in found.delta.items():
-        length, angle = study.DELTA_ERRORS[name]
+        length, angle = trial.DELTA_ERRORS[name]
         _table(
-            f"Delta, errors {1e3 * length:g} mm and {angle / study.DEGREE:g}° (1σ), {study.DELTA_POSES} poses measured "
-            f"at the plate, {len(study.delta_targets())} targets",
-            study.DELTA_METHODS,
-            [(f"tool {1e3 * h:.0f}", scores, h) for h in study.DELTA_TOOLS],
+            f"Delta, errors {1e3 * length:g} mm and {angle / trial.DEGREE:g}° (1σ), {trial.DELTA_POSES} poses measured "
+            f"at the plate, {len(trial.delta_targets())} targets",
+            trial.DELTA_METHODS,
+            [(f"tool {1e3 * h:.0f}", scores, h) for h in trial.DELTA_TOOLS],
         )
     print(f"planar: {found.rank} of 9 errors can be identified")
     for h, scores in found.ladder.items():
@@ -89,7 +90,7 @@ def show(found: study.Study) -> None:
         )
 
 
-def _table(title: str, methods: Sequence[study.Method], columns: Sequence[Column]) -> None:
+def _table(title: str, methods: Sequence[trial.Method], columns: Sequence[Column]) -> None:
     rows = [
         [m.label, *(f"{1e3 * s[m.key, h].rms:.4f} / {1e3 * s[m.key, h].max:.4f}" for _, s, h in columns)]
         for m in methods
