@@ -131,7 +131,7 @@ def _first_order_chunk(
         x = position - conditions.tool
         pose = Pose(x, np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, len(mechanism.hinges))))
         q = kinematics.initial_actuators(mechanism, nominal, pose)
-        status = np.where(np.isnan(q).any(axis=1), "not_converged", "ok")
+        status = np.full(n, "ok", "<U13")
     else:
         start = kinematics.inverse(mechanism, nominal, position, rotation_matrix, conditions.tool)
         q, pose, status = start.q, start.pose, start.status
@@ -155,10 +155,6 @@ def _first_order_chunk(
     # With the task held, (J_q, J_X,free)·(δq, δX_free) = −(∂f/∂k·δk − J_X,task·δx_outer): eqs (30)–(32) in one solve.
     A = np.concatenate([Jq, JX[..., free]], axis=-1)
     rhs = -df + np.einsum("nmt,nt->nm", JX[..., task], extra[:, list(mechanism.task)])
-    step = np.full((n, A.shape[-1]), np.nan)
-    good = np.isfinite(A).all(axis=(1, 2))
-    if good.all():
-        step = np.linalg.solve(A, rhs[..., None])[..., 0]
-    elif good.any():
-        step[good] = np.linalg.solve(A[good], rhs[good][..., None])[..., 0]
-    return Solution(q + step[:, : q.shape[1]], pose, status, 1, np.abs(at.f).max(axis=-1))
+    q = q + kinematics.solve(A, rhs)[:, : q.shape[1]]
+    status = np.where((status == "ok") & ~np.isfinite(q).all(axis=1), "not_converged", status)
+    return Solution(q, pose, status, 1, np.abs(at.f).max(axis=-1))

@@ -16,6 +16,10 @@ from pcalib.mechanism import BaseSide, Hinge, Mechanism, Pose
 
 CHUNK = 2000
 """Poses per batch: the working set of one batch stays in the processor's cache."""
+TOGETHER = 6
+"""Newton steps of a whole batch; the few poses that need more go on alone."""
+SINGULAR = 1e12
+"""A pose is singular where J⁻¹ has entries beyond this [m or rad of motion per metre of closure error]."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +78,26 @@ class Solution:
     def ok(self) -> np.ndarray:
         """(N,) bool."""
         return self.status == "ok"
+
+    def take(self, rows: np.ndarray) -> Solution:
+        """The solutions of some rows."""
+        return Solution(self.q[rows], self.pose.take(rows), self.status[rows], self.iterations, self.residual[rows])
+
+    def put(self, rows: np.ndarray, later: Solution) -> Solution:
+        """This solution with some rows replaced by those of one that went on from here."""
+
+        def merged(mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+            out = mine.copy()
+            out[rows] = theirs
+            return out
+
+        return Solution(
+            merged(self.q, later.q),
+            Pose(*(merged(getattr(self.pose, a), getattr(later.pose, a)) for a in ("x", "R", "phi"))),
+            merged(self.status, later.status),
+            later.iterations,
+            merged(self.residual, later.residual),
+        )
 
 
 def base_side(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, deviation: Deviation = RIGID) -> BaseSide:
@@ -245,9 +269,7 @@ def sensitivity(
 ) -> np.ndarray:
     """S_C = −J_X⁻¹·∂f/∂k at the TCP of `tool`, (N, n_state, nk) (paper eq. 22)."""
     at = closure(mechanism, k, q, pose, tool, deviation)
-    return -np.linalg.solve(
-        jacobian_state(mechanism, at, pose), jacobian_parameters(mechanism, k, q, at, pose, deviation)
-    )
+    return -invert(jacobian_state(mechanism, at, pose)) @ jacobian_parameters(mechanism, k, q, at, pose, deviation)
 
 
 def move(mechanism: Mechanism, pose: Pose, step: np.ndarray) -> Pose:
@@ -268,16 +290,27 @@ def _limited(step: np.ndarray, largest: float = 0.5) -> np.ndarray:
     return np.where(size > largest, step * (largest / np.maximum(size, largest)), step)
 
 
-def _solve(J: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Batched J·step = −f; a singular pose gives NaN steps for itself only."""
+def solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """A⁻¹·b for A (N, n, n) and b (N, n); NaN at the poses whose A is singular."""
     try:
-        return np.linalg.solve(J, -f[..., None])[..., 0]
+        return np.linalg.solve(A, b[..., None])[..., 0]
     except np.linalg.LinAlgError:
-        singular = np.linalg.cond(J) > 1e14
-        step = np.full(f.shape, np.nan)
-        if not singular.all():
-            step[~singular] = np.linalg.solve(J[~singular], -f[~singular][..., None])[..., 0]
-        return step
+        regular = np.linalg.det(A) != 0
+        out = np.full(b.shape, np.nan)
+        out[regular] = np.linalg.solve(A[regular], b[regular][..., None])[..., 0]
+        return out
+
+
+def invert(A: np.ndarray) -> np.ndarray:
+    """A⁻¹ (N, n, n); NaN at the poses whose A is singular to working precision."""
+    try:
+        out = np.linalg.inv(A)
+    except np.linalg.LinAlgError:
+        regular = np.linalg.det(A) != 0
+        out = np.full(A.shape, np.nan)
+        out[regular] = np.linalg.inv(A[regular])
+    out[np.abs(out).max(axis=(1, 2), initial=0.0) > SINGULAR] = np.nan
+    return out
 
 
 def _status(mechanism: Mechanism, at: Closure, pose: Pose, reference: np.ndarray, tolerance: float) -> np.ndarray:
@@ -292,11 +325,10 @@ def _status(mechanism: Mechanism, at: Closure, pose: Pose, reference: np.ndarray
     return status
 
 
-def _in_chunks(n: int, run: Callable[[slice], Solution]) -> Solution:
-    """Run a solver over slices of at most CHUNK poses and join the answers."""
-    if n <= CHUNK:
-        return run(slice(None))
-    return join([run(slice(i, i + CHUNK)) for i in range(0, n, CHUNK)])
+def _in_chunks(n: int, solver: Callable[[np.ndarray], Solution]) -> Solution:
+    """Run a solver over at most CHUNK rows at a time and join the answers."""
+    parts = [solver(np.arange(i, min(i + CHUNK, n))) for i in range(0, max(n, 1), CHUNK)]
+    return parts[0] if len(parts) == 1 else join(parts)
 
 
 def join(parts: list[Solution]) -> Solution:
@@ -329,27 +361,32 @@ def forward(
         Solution, with a status per pose: nothing is raised for a pose that cannot be reached.
     """
     q = np.atleast_2d(np.asarray(q, float))
+    origin = np.zeros(3)
 
-    def run(rows: slice) -> Solution:
+    def run(rows: np.ndarray, pose: Pose, reference: np.ndarray, count: int, most: int) -> Solution:
         dev = deviation.take(rows)
         side = base_side(mechanism, k, q[rows], dev)
-        pose = start.take(rows) if start is not None else mechanism.start(k, q[rows])
-        reference = pose.R
         plate = _plate_side(mechanism, k, pose.phi, dev)
-        origin = np.zeros(3)
         at = _close(side, plate, pose.x, pose.R, origin)
-        count = 0
-        while count < max_iterations and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
-            pose = move(mechanism, pose, _limited(_solve(jacobian_state(mechanism, at, pose), at.f)))
+        while count < most and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
+            pose = move(mechanism, pose, _limited(solve(jacobian_state(mechanism, at, pose), -at.f)))
             if mechanism.hinges:
                 plate = _plate_side(mechanism, k, pose.phi, dev)
             at = _close(side, plate, pose.x, pose.R, origin)
             count += 1
         pose = Pose(pose.x, rotation.renormalise(pose.R), pose.phi)
         status = _status(mechanism, at, pose, reference, max(tolerance, 1e-9))
-        return Solution(q[rows], pose, status, count, np.abs(at.f).max(axis=-1))
+        found = Solution(q[rows], pose, status, count, np.abs(at.f).max(axis=-1))
+        late = np.flatnonzero(found.residual > tolerance)
+        if count >= max_iterations or not len(late):
+            return found
+        return found.put(late, run(rows[late], pose.take(late), reference[late], count, max_iterations))
 
-    return _in_chunks(len(q), run)
+    def batch(rows: np.ndarray) -> Solution:
+        pose = mechanism.start(k, q[rows]) if start is None else start.take(rows)
+        return run(rows, pose, pose.R, 0, min(TOGETHER, max_iterations))
+
+    return _in_chunks(len(q), batch)
 
 
 def _turned(mechanism: Mechanism, R: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -396,30 +433,29 @@ def inverse(
     nq = len(mechanism.actuators)
     keep_yaw = 5 in mechanism.task and not {3, 4} & set(mechanism.task) and len(mechanism.plate_dofs) == 6
 
-    def run(rows: slice) -> Solution:
+    def run(rows: np.ndarray, first: Solution | None, count: int, most: int) -> Solution:
         dev = deviation.take(rows)
         target, R0, t = position[rows], rotation_matrix[rows], tools[rows]
         reference = t[:, None, :] if np.ptp(t, axis=0).any() else t[0]
         n = len(target)
-        if start is not None:
-            q, R, phi = start.q[rows], start.pose.R[rows], start.pose.phi[rows]
+        if first is not None:
+            q, R, phi = first.q, first.pose.R, first.pose.phi
         else:
             R, phi = R0, _level(mechanism, k, R0)
             q = initial_actuators(mechanism, k, Pose(target - (R @ t[..., None])[..., 0], R, phi))
         p = target
         if loose:  # a translation that the task leaves free carries the TCP with it
             p = target.copy()
-            near = start.pose.take(rows) if start is not None else mechanism.start(k, q)
+            near = first.pose if first is not None else mechanism.start(k, q)
             p[:, loose] = near.tcp(t)[:, loose]
         plate = _plate_side(mechanism, k, phi, dev)
         at = _close(base_side(mechanism, k, q, dev), plate, p, R, reference)
-        count = 0
-        while count < max_iterations and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
+        while count < most and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
             now = Pose(p, R, phi)
             J = np.concatenate(
                 [jacobian_actuators(mechanism, at), jacobian_state(mechanism, at, now)[..., free]], axis=-1
             )
-            step = _limited(_solve(J, at.f))
+            step = _limited(solve(J, -at.f))
             q = q + step[:, :nq]
             state = np.zeros((n, mechanism.n_state))
             state[:, free] = step[:, nq:]
@@ -434,9 +470,16 @@ def inverse(
         R = rotation.renormalise(R)
         pose = Pose(p - (R @ t[..., None])[..., 0], R, phi)
         status = _status(mechanism, at, pose, R0, max(tolerance, 1e-9))
-        return Solution(q, pose, status, count, np.abs(at.f).max(axis=-1))
+        found = Solution(q, pose, status, count, np.abs(at.f).max(axis=-1))
+        late = np.flatnonzero(found.residual > tolerance)
+        if count >= max_iterations or not len(late):
+            return found
+        return found.put(late, run(rows[late], found.take(late), count, max_iterations))
 
-    return _in_chunks(N, run)
+    def batch(rows: np.ndarray) -> Solution:
+        return run(rows, None if start is None else start.take(rows), 0, min(TOGETHER, max_iterations))
+
+    return _in_chunks(N, batch)
 
 
 def _level(mechanism: Mechanism, k: np.ndarray, R: np.ndarray) -> np.ndarray:
@@ -474,6 +517,6 @@ def _with_yaw_of(R: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 def task_jacobian(mechanism: Mechanism, at: Closure, pose: Pose) -> np.ndarray:
     """∂(task)/∂q at the reference point of `at`, (N, len(task), nq); its inverse is the paper's J_S^m (eq. 32)."""
-    J = -np.linalg.solve(jacobian_state(mechanism, at, pose), jacobian_actuators(mechanism, at))
+    J = -invert(jacobian_state(mechanism, at, pose)) @ jacobian_actuators(mechanism, at)
     rows = [mechanism.plate_dofs.index(d) for d in mechanism.task]
     return J[:, rows]

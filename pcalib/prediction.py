@@ -152,7 +152,7 @@ def geometry_columns(
     Jk = kinematics.jacobian_parameters(mechanism, model.k, p.q, at, p.pose, p.deviation)
     if basis is not None:
         Jk = Jk @ basis
-    return _measured(model, _twist(mechanism, -np.linalg.solve(JX, Jk)))
+    return _measured(model, p, _twist(mechanism, -kinematics.invert(JX) @ Jk))
 
 
 def closure_change(mechanism: Mechanism, at: Closure, pose: Pose, part: Contribution) -> np.ndarray:
@@ -169,31 +169,43 @@ def closure_change(mechanism: Mechanism, at: Closure, pose: Pose, part: Contribu
     return df
 
 
-def outer_twist(pose: Pose, tool: np.ndarray, part: Contribution) -> np.ndarray:
-    """Twist of the measured point that the channels outside the loops cause (tool, base), (N, 6), base frame."""
+def outer_twist(pose: Pose, tool: np.ndarray, part: Contribution, base: np.ndarray | None = None) -> np.ndarray:
+    """Twist of the measured point that a small contribution outside the loops causes (tool, base), (N, 6).
+
+    Args:
+        base: (N, 6) the base channel to which `part` adds; the twist is that of the robot's own base frame.
+    """
     twist = np.zeros((len(pose), 6))
     if part.tool is not None:
         twist[:, :3] += (pose.R @ part.tool[..., None])[..., 0]
     if part.base is not None:
-        twist[:, :3] += part.base[:, :3] + rotation.cross(part.base[:, 3:], pose.tcp(tool))
-        twist[:, 3:] += part.base[:, 3:]
+        v, turn = part.base[:, :3], part.base[:, 3:]
+        if base is not None:  # d(exp(ω)·x + v), seen from the turned base
+            v = (rotation.exp(-base[:, 3:]) @ v[..., None])[..., 0]
+            turn = (rotation.left_jacobian(-base[:, 3:]) @ turn[..., None])[..., 0]
+        twist[:, :3] += v + rotation.cross(turn, pose.tcp(tool))
+        twist[:, 3:] += turn
     return twist
 
 
 def effect_columns(
     model: Model, p: Prediction, at: Closure, JX: np.ndarray, parts: Sequence[Contribution]
 ) -> np.ndarray:
-    """Derivative of the readings by effect parameters, (N, 6, len(parts)), from their unit contributions."""
+    """Derivative of the readings by effect parameters, (N, 6, len(parts)), from their unit contributions.
+
+    The loads are taken as they are: what they change when the pose changes is of second order.
+    """
+    if not parts:
+        return np.zeros((len(p.q), 6, 0))
     mechanism = model.robot.mechanism
-    columns = []
-    for part in parts:
-        df = closure_change(mechanism, at, p.pose, part)
-        twist = _twist(mechanism, -np.linalg.solve(JX, df[..., None]))[..., 0] + outer_twist(p.pose, p.tool, part)
-        column = _measured(model, twist[..., None])[..., 0]
+    df = np.stack([closure_change(mechanism, at, p.pose, part) for part in parts], axis=-1)
+    twist = _twist(mechanism, -kinematics.invert(JX) @ df)
+    twist = twist + np.stack([outer_twist(p.pose, p.tool, part, p.contribution.base) for part in parts], axis=-1)
+    columns = _measured(model, p, twist)
+    for j, part in enumerate(parts):
         if part.sensor is not None:
-            column[:, :3] += part.sensor
-        columns.append(column)
-    return np.stack(columns, axis=-1) if columns else np.zeros((len(p.q), 6, 0))
+            columns[:, :3, j] += part.sensor
+    return columns
 
 
 def frame_columns(model: Model, p: Prediction, offset: bool = True) -> np.ndarray:
@@ -226,9 +238,12 @@ def _twist(mechanism: Mechanism, state: np.ndarray) -> np.ndarray:
     return twist
 
 
-def _measured(model: Model, twist: np.ndarray) -> np.ndarray:
-    """Twists at the measured point (N, 6, n), base frame → measuring frame."""
-    if model.frame is None:
+def _measured(model: Model, p: Prediction, twist: np.ndarray) -> np.ndarray:
+    """Twists at the measured point (N, 6, n), the robot's base frame → measuring frame."""
+    R = None if model.frame is None else model.frame.rotation
+    if p.contribution.base is not None:
+        turn = rotation.exp(p.contribution.base[:, 3:])
+        R = turn if R is None else R @ turn
+    if R is None:
         return twist
-    R = model.frame.rotation
     return np.concatenate([R @ twist[:, :3], R @ twist[:, 3:]], axis=1)

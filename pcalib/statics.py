@@ -74,7 +74,7 @@ def loads(
 
     w = _weight(mechanism, at, pose, half, mass.get("plate", 0.0) * g, tool, payload[:, None] * g)
     J = kinematics.jacobian_state(mechanism, at, pose)
-    tension = kinematics._solve(np.swapaxes(J, -1, -2), -w)
+    tension = kinematics.solve(np.swapaxes(J, -1, -2), w)
 
     per_rod = -tension * kinematics.rod_rate(at) + at.side.dA @ half
     spread = np.zeros((per_rod.shape[1], len(mechanism.actuators)))

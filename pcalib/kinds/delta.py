@@ -127,10 +127,10 @@ def simplified_forward(
     gf = 0.5 * (np.sum(f * f, axis=-1) + length[0] ** 2 - length[2] ** 2)
     ee, ff, ef = np.sum(e * e, -1), np.sum(f * f, -1), np.sum(e * f, -1)
     det = ee * ff - ef * ef
-    foot = ((ge * ff - gf * ef) / det)[:, None] * e + ((gf * ee - ge * ef) / det)[:, None] * f
-    normal = np.cross(e, f) / np.sqrt(det)[:, None]
-    normal *= -np.sign(normal[:, 2:])
-    with np.errstate(invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
+        foot = ((ge * ff - gf * ef) / det)[:, None] * e + ((gf * ee - ge * ef) / det)[:, None] * f
+        normal = np.cross(e, f) / np.sqrt(det)[:, None]
+        normal *= -np.sign(normal[:, 2:])
         height = np.sqrt(length[0] ** 2 - np.sum(foot * foot, -1))
     return s1 + foot + height[:, None] * normal
 
