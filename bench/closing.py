@@ -74,7 +74,11 @@ class Loops:
         """Add a step of the free joints (n_free,) to `data.qpos`, shortened to LARGEST_STEP in norm."""
         size = step.dot(step)
         self._step[self.free] = step if size <= LARGEST_STEP**2 else step * (LARGEST_STEP / math.sqrt(size))
-        mujoco.mj_integratePos(self.model, self.data.qpos, self._step, 1.0)
+        self.step(self._step)
+
+    def step(self, step: np.ndarray) -> None:
+        """Add a step of all joints (nv,), the driven ones included, to `data.qpos`."""
+        mujoco.mj_integratePos(self.model, self.data.qpos, step, 1.0)
 
     def close(self, tolerance: float = TOLERANCE, max_iterations: int = 30) -> Closed:
         """Newton from `data.qpos` until the loops are open by no more than `tolerance` [m] in norm.

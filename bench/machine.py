@@ -91,11 +91,11 @@ class Machine:
         self._plate_sites = [model.site(f"b{r}").id for r in rods]
         self._bodies = variant_has_rod_bodies(model, rods)
         self._anchors = [model.body(f"rod{r}").id if self._bodies else model.site(f"a{r}").id for r in rods]
-        self._go_home()
+        self._assemble()
 
     # -- solving -------------------------------------------------------------------------------------------------
 
-    def _go_home(self) -> None:
+    def _assemble(self) -> None:
         """Assemble the robot in its home pose: rods aimed at the plate, then Newton, nominal first and then true."""
         home = self.kind.home(self.robot)
         model, data, loops = self.model, self.loops.data, self.loops
@@ -113,7 +113,7 @@ class Machine:
                 self._aim_rods()
             closed = loops.close()
             self._home_sign = closed.orientation
-            if not self._fits(closed):
+            if not self.fits(closed):
                 raise ReachError(
                     f"the robot '{self.robot.name}' with this geometry cannot be assembled in its home pose, joints at "
                     f"{', '.join(f'{v:.4g}' for v in home.q)}: check the geometric errors and the robot file"
@@ -135,7 +135,11 @@ class Machine:
         data.qpos[hinges[:, 0]] = np.arctan2(d[:, 1], -d[:, 2])
         data.qpos[hinges[:, 1]] = -np.arcsin(np.clip(d[:, 0], -1, 1))
 
-    def _fits(self, closed: Closed) -> bool:
+    def go_home(self) -> None:
+        """Put `data` back to the home pose."""
+        self.loops.data.qpos[:] = self._home
+
+    def fits(self, closed: Closed) -> bool:
         """Whether the pose in `data` is closed and on the working branch: guards that need no kinematic model."""
         return closed.ok and closed.orientation == self._home_sign and self._hangs_well()
 
@@ -149,9 +153,10 @@ class Machine:
         cosine = 0.5 * (data.xmat[self._plate].dot(self._home_R.ravel()) - 1.0)
         return self.kind.max_tilt > np.pi or cosine >= np.cos(self.kind.max_tilt)
 
-    def _solve(self, row: Row) -> str:
+    def _solve(self, row: Row, miss: np.ndarray | None = None) -> str:
         """Bring `data` to the pose of one command; its status."""
-        rig, theta, k = self.rig, row.q, self.k
+        rig, k = self.rig, self.k
+        theta = row.q if miss is None else row.q + miss
         for fault in self.faults:
             k = fault.geometry(k, row)
             theta = fault.shaft(theta, row)
@@ -184,19 +189,19 @@ class Machine:
 
     def _close(self) -> str:
         """Close the loops for the driven joints, all springs unstretched."""
-        loops, data, target = self.loops, self.loops.data, self.rig.driven
-        data.qpos[:] = self._home
+        loops, target = self.loops, self.rig.driven
+        self.go_home()
         loops.drive(target)
         closed = loops.close()
-        if self._fits(closed):
+        if self.fits(closed):
             return "ok"
         start = self._home[loops.driven_qpos]
         for steps in WALKS:
-            data.qpos[:] = self._home
+            self.go_home()
             for s in range(1, steps + 1):
                 loops.drive(start + (target - start) * (s / steps))
                 closed = loops.close()
-                if not self._fits(closed):
+                if not self.fits(closed):
                     break
             else:
                 return "ok"
@@ -204,8 +209,11 @@ class Machine:
 
     # -- use -----------------------------------------------------------------------------------------------------
 
-    def run(self, commands: Commands) -> Landing:
+    def run(self, commands: Commands, miss: np.ndarray | None = None) -> Landing:
         """Carry out commands one by one.
+
+        Args:
+            miss: (N, nq) [rad or m] by which the drives fail to repeat themselves.
 
         Nothing is raised for a pose that cannot be reached: its status says why, and its pose is NaN.
         """
@@ -222,7 +230,7 @@ class Machine:
         for i, row in enumerate(commands):
             if status[i] != "ok":
                 continue
-            status[i] = self._solve(row)
+            status[i] = self._solve(row, None if miss is None else miss[i])
             if status[i] == "ok":
                 x[i], R[i] = data.xpos[self._plate], data.xmat[self._plate]
                 flange[i], turn[i] = data.xpos[self._tool], data.xmat[self._tool]

@@ -138,7 +138,7 @@ def test_wrong_branch_is_refused():
     data.qpos[plate + 2] += 1.2
     closed = loops.close()
     assert closed.ok and data.xpos[machine._plate, 2] > -0.2
-    assert not machine._fits(closed)
+    assert not machine.fits(closed)
 
 
 def test_a_pose_only_reached_on_another_branch_says_so():
