@@ -7,6 +7,8 @@ rounding. Nothing here knows what robot it is, nor any formula of parallel robot
 Compliant robots have more free joints than constraints; their rest position is found in `bench.equilibrium`.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import math
@@ -91,7 +93,7 @@ class Loops:
             f, J = self.evaluate()
             residual = math.sqrt(f.dot(f))
             if residual <= tolerance:
-                if lu is None:
+                if lu is None or pivots is None:
                     lu, pivots, _ = dgetrf(J.take(self.free, axis=1))
                 return Closed(residual, iteration, _sign_of_determinant(lu, pivots), True)
             if not math.isfinite(residual) or iteration == max_iterations:

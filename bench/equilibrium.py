@@ -14,6 +14,8 @@ smaller by load/(length × stiffness), 1e-5 of stiff machine parts, so each step
 are soft and steps gain too little, K is taken by central differences of F + Jᵀλ.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import math

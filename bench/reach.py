@@ -3,13 +3,15 @@
 The loops and the wanted components of the plate's pose are solved together for all joints, the motors included.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
 from bench.closing import LARGEST_STEP, TOLERANCE
-from bench.machine import WALKS, Machine
+from bench.machine import Machine
 from pcalib import rotation
 
 
@@ -29,7 +31,7 @@ def reach(machine: Machine, x: np.ndarray, R: np.ndarray | None = None) -> tuple
             q[n] = found
     low, high = machine.robot.joint_range
     with np.errstate(invalid="ignore"):
-        return q, ((q >= low) & (q <= high)).all(axis=1)
+        return q, np.all((q >= low) & (q <= high), axis=1)
 
 
 class _Solver:
@@ -46,7 +48,7 @@ class _Solver:
 
     def solve(self, x: np.ndarray, R: np.ndarray) -> np.ndarray | None:
         """q (nq,) from home, at one go or in steps; None where that fails."""
-        for steps in (1, *WALKS):
+        for steps in (1, 6):
             self.machine.go_home()
             turn = rotation.log(R @ self.home[1].T)
             for s in np.arange(1, steps + 1) / steps:
@@ -57,7 +59,7 @@ class _Solver:
                 return self.loops.data.qpos[self.loops.driven_qpos].copy()
         return None
 
-    def _newton(self, x: np.ndarray, R: np.ndarray, max_iterations: int = 20) -> bool:
+    def _newton(self, x: np.ndarray, R: np.ndarray, max_iterations: int = 15) -> bool:
         loops, data, dof = self.loops, self.loops.data, self.dof
         nv = loops.model.nv
         wanted = np.zeros((len(self.task), nv))

@@ -81,17 +81,27 @@ def read(
 
 
 def write(values: Mapping[str, Any], settings: Sequence[Setting]) -> dict[str, Any]:
-    """A table that :func:`read` turns into the same values, to the last bit: everything in SI units."""
+    """A table that :func:`read` turns into the same values, to the last bit: in SI units where there are any."""
     out = {}
     for setting in settings:
         value = values[setting.name]
         if _has_unit(setting):
-            suffix = next(u.suffix for u in units.UNITS.values() if u.dimension == setting.dimension and u.factor == 1.0)
-            key = f"{setting.name}_{suffix}"
+            accepted = [u for u in units.UNITS.values() if u.dimension == setting.dimension]
+            unit = next((u for u in accepted if u.factor == 1.0), accepted[0])
+            plain = value.tolist() if isinstance(value, np.ndarray) else value
+            many = isinstance(plain, list)
+            numbers = [_inverse(v, unit.factor) for v in (plain if many else [plain])]
+            out[f"{setting.name}_{unit.suffix}"] = numbers if many else numbers[0]
         else:
-            key = setting.name
-        out[key] = value.tolist() if isinstance(value, np.ndarray) else value
+            out[setting.name] = value.tolist() if isinstance(value, np.ndarray) else value
     return out
+
+
+def _inverse(value: float, factor: float) -> float:
+    """The number that times `factor` is `value`, exactly where there is one."""
+    near = value / factor
+    tried = (near, float(np.nextafter(near, np.inf)), float(np.nextafter(near, -np.inf)))
+    return next((v for v in tried if v * factor == value), near)
 
 
 def _has_unit(setting: Setting) -> bool:
@@ -115,7 +125,7 @@ def _value(setting: Setting, key: str, raw: Any, factor: float, where: str, coun
     numbers = raw if many else [raw]
     if any(isinstance(v, bool) or not isinstance(v, (int, float)) or not np.isfinite(v) for v in numbers):
         raise wrong("a number" if count == 1 else f"a number or a list of {count} numbers")
-    if many and len(numbers) != count or (setting.per == "axis" and not many):
+    if (many and len(numbers) != count) or (setting.per == "axis" and not many):
         raise wrong(f"a list of {count} numbers" if count > 1 else "a number")
     if setting.dimension == "whole" and any(v != int(v) for v in numbers):
         raise wrong("a whole number")

@@ -17,6 +17,8 @@ Faults compose because each has joints of its own: drive spring, backlash and wi
 At zero a fault adds nothing at all (`absent`), so that the rigid robot comes out to the bit.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import importlib
@@ -61,6 +63,10 @@ class Fault:
     def name(self) -> str:
         """The name in files: that of its own."""
         return type(self).__module__.rpartition(".")[2]
+
+    def to_table(self) -> dict[str, Any]:
+        """The TOML table that gives this fault again."""
+        return settings.write(self.values, self.SETTINGS)
 
     @property
     def absent(self) -> bool:

@@ -1,0 +1,107 @@
+"""Measure a virtual robot with hidden errors, and write a data file.
+
+    pcbench simulate truth.toml --plan random -n 40 -o data.csv
+    pcbench simulate truth.toml --plan border -n 40 --check 20 --tool 0,0,0mm --tool 0,0,-300mm -o data.csv
+    pcbench simulate truth.toml --plan rich -n 120 --payload 0kg --payload 2kg --seed 7 -o data.csv
+    pcbench simulate truth.toml --plan next.csv -o more.csv
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from pcalib.cli.frame import JsonOption
+
+
+def command(
+    truth: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=("--output", "-o"))],
+    plan: str = "random",
+    n: Annotated[int, Parameter(name="-n")] = 40,
+    check: int = 0,
+    tool: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
+    payload: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    seed: int = 0,
+    workers: int = 1,
+    json: JsonOption = None,
+) -> int:
+    """Measure a virtual robot with hidden errors, and write a data file.
+
+    The truth file says what is wrong with the robot and what instrument looks at it (docs/bench.md). Beside the data
+    its sealed copy is written, DATA.truth.toml, with every error by its value: `pcbench verify` lands on it.
+
+    Args:
+        truth: Truth file (TOML).
+        output: Measurement file to write, CSV or Parquet.
+        plan: random, border, plain, rich, or a file of commands such as `pcalib next` writes.
+        n: Rows to fit; a file brings its own.
+        check: Further rows, marked as held out.
+        tool: Measured point in the plate frame, e.g. 0,0,-300mm; may be given several times.
+        payload: Mass at the tool, e.g. 1kg; may be given several times.
+        seed: Of plan and noise: the same seed gives the same bytes.
+        workers: Processes that share the work.
+    """
+    import numpy as np
+
+    from bench import plan as plans
+    from bench import simulate
+    from bench import truth as truths
+    from pcalib import files, measurement, units
+    from pcalib.cli import frame
+    from pcalib.errors import InputError
+
+    def quantities(texts: tuple[str, ...], dimension: str, size: int, option: str) -> list[np.ndarray]:
+        values = [units.parse_quantity(text, dimension, option=option) for text in texts]
+        for text, value in zip(texts, values, strict=True):
+            if len(value) != size:
+                raise InputError(f"{option} '{text}' needs {size} number{'s' * (size > 1)}, not {len(value)}")
+        return values
+
+    if workers < 1:
+        raise InputError(f"--workers {workers}: at least one process has to do the work")
+    if seed < 0:
+        raise InputError(f"--seed {seed} is negative", remedy="take any whole number from 0 on")
+    hidden = truths.load(truth)
+    made = plans.make(
+        hidden.robot, plan, n, check=check, seed=seed,
+        tools=quantities(tool, "length", 3, "--tool"),
+        payloads=[float(v[0]) for v in quantities(payload, "mass", 1, "--payload")],
+    )  # fmt: skip
+    with frame.progress("measuring", len(made)) as advance:
+        data = simulate.run(hidden, made, seed, workers, advance)
+    sealed = simulate.truth_path(output)
+    text = truths.dumps(hidden, {"plan": made.name, "seed": seed, "data": output.name})
+    measurement.save(output, data.measurements)
+    files.write_text(sealed, text)
+
+    held = int(data.measurements.check.sum())
+    frame.say(f"{output}: {len(data.kept)} poses" + (f", {held} of them held out" if held else ""))
+    failed = np.flatnonzero(~data.landing.ok)
+    if len(failed):
+        rows = ", ".join(f"{row + 1} ({data.landing.status[row]})" for row in failed[:8])
+        rows += " …" * (len(failed) > 8)
+        frame.say(f"{len(failed)} commands could not be carried out and are left out: rows {rows}")
+    if len(data.lost):
+        frame.say(f"the instrument lost {len(data.lost)} rows")
+    frame.say(f"{sealed}: the truth, sealed")
+    frame.write_json(
+        json,
+        {
+            "schema": "pcbench.simulate/1",
+            "data": output,
+            "truth": sealed,
+            "plan": made.name,
+            "seed": seed,
+            "rows": len(data.kept),
+            "check": held,
+            "not_reached": {str(row + 1): str(data.landing.status[row]) for row in failed},
+            "lost": data.lost + 1,
+            "outliers": data.outlier + 1,
+        },
+    )
+    return frame.OK

@@ -1,0 +1,231 @@
+"""Measurement plans: which commands, tools, loads and temperatures, in which order.
+
+    random   uniform in the workspace, as far as the joint range reaches
+    border   uniform on the surface of the workspace, drawn in to where the robot can reach
+    plain    as random, and nothing else is varied: no payload, directions, replicates, temperature or time
+    rich     as random, with payloads, last directions of motion, replicates, time, and temperatures that come and go
+    FILE     the commands of a CSV or Parquet file, with whatever conditions stand in it
+
+Workspace and joint range are those of the plate of the *nominal* robot, solved by the bench itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench.commands import REFERENCE_TEMPERATURE, TEMPERATURES, Commands
+from bench.machine import Machine
+from bench.reach import reach
+from pcalib import columns as cols
+from pcalib import rotation
+from pcalib import table as tables
+from pcalib.errors import InputError, ReachError, unknown
+from pcalib.robot import Robot
+
+NAMES = ("random", "border", "plain", "rich")
+STREAM = 0x91A
+PAYLOADS = (0.0, 1.0, 2.0)
+"""[kg] of a rich plan, unless others are asked for."""
+SWING = 6.0
+"""[K] by which temperatures of a rich plan swing about 22 °C."""
+PACE = 20.0
+"""[s] from one measurement to the next."""
+REPLICATED = 1 / 6
+"""Share of a rich plan's rows that repeat the row before."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Commands and what the data file says about them."""
+
+    commands: Commands
+    pose_id: np.ndarray
+    """(N,) int, rows with one id are replicates; −1: none."""
+    check: np.ndarray
+    """(N,) bool, held out."""
+    name: str
+
+    def __len__(self) -> int:
+        return len(self.commands)
+
+
+def make(
+    robot: Robot,
+    name: str | Path,
+    n: int = 40,
+    *,
+    check: int = 0,
+    tools: Sequence[np.ndarray] = (),
+    payloads: Sequence[float] = (),
+    seed: int = 0,
+) -> Plan:
+    """A plan by name, or the one in a file.
+
+    Args:
+        n: rows to fit; check: further rows, held out. A file brings its own rows.
+        tools: (3,) each [m, plate frame], dealt out evenly and at random; payloads: [kg], likewise.
+        seed: the same seed gives the same plan.
+
+    Raises:
+        InputError: no such plan, no usable file, or numbers that make no plan.
+        ReachError: the workspace is out of the robot's reach.
+    """
+    if str(name) not in NAMES:
+        path = Path(name)
+        if not path.suffix and not path.exists():
+            raise InputError(unknown("plan", str(name), [*NAMES, "a CSV or Parquet file"]))
+        return _of_file(robot, path, tools, payloads)
+    if n < 1 or check < 0:
+        raise InputError(f"a plan of {n} rows and {check} to check makes no sense", remedy="ask for one row at least")
+    total = n + check
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, NAMES.index(str(name)))))
+    distinct = total
+    repeats = np.ones(total, int)
+    if name == "rich":
+        distinct = total - round(total * REPLICATED)
+        repeats = np.ones(distinct, int)
+        repeats[generator.choice(distinct, min(total - distinct, distinct), replace=False)] = 2
+    q = _poses(robot, distinct, generator, border=name == "border")
+    if name == "rich" and not payloads:
+        payloads = PAYLOADS
+    tool = _dealt(np.atleast_2d(np.zeros(3) if not len(tools) else np.array(tools, float)), distinct, generator)
+    payload = _dealt(np.array(payloads or [0.0], float), distinct, generator)
+    columns: dict[str, np.ndarray] = {}
+    if name == "rich":
+        columns = {f"dir{i + 1}": generator.choice([-1.0, 1.0], distinct) for i in range(q.shape[1])}
+        columns |= _weather(distinct, generator)
+
+    row = np.repeat(np.arange(distinct), repeats)
+    held = np.zeros(distinct, bool)
+    held[_last(repeats, check)] = True
+    pose_id = np.where(repeats[row] > 1, row, -1) if name == "rich" else np.full(len(row), -1)
+    columns = {key: values[row] for key, values in columns.items()}
+    if name == "rich":
+        columns["time"] = PACE * np.arange(len(row))
+    return Plan(Commands(q[row], tool[row], payload[row], columns), pose_id, held[row], str(name))
+
+
+def _last(repeats: np.ndarray, rows: int) -> np.ndarray:
+    """The last poses that make up `rows` rows, or the nearest number to it."""
+    counted = np.cumsum(repeats[::-1])
+    return np.arange(len(repeats))[::-1][: np.searchsorted(counted, rows, side="right")]
+
+
+def _poses(robot: Robot, n: int, generator: np.random.Generator, *, border: bool) -> np.ndarray:
+    """n commands (n, nq) whose plate poses lie in, or on the border of, workspace ∩ joint range."""
+    machine = Machine(robot)
+    kept: list[np.ndarray] = []
+    tried = 0
+    while sum(map(len, kept)) < n:
+        if tried > 300 + 50 * n:
+            raise ReachError(
+                f"the workspace of '{robot.name}' is all but out of its reach: {sum(map(len, kept))} of {tried} random "
+                "poses lie within the joint range; check [workspace] and [joints] of the robot file"
+            )
+        size = max(8, n - sum(map(len, kept)))
+        tried += size
+        R = _orientations(robot, size, generator)
+        if border:
+            q, ok = _drawn_in(machine, _on_surface(robot, size, generator), R)
+        else:
+            q, ok = reach(machine, _inside(robot, size, generator), R)
+        kept.append(q[ok])
+    return np.concatenate(kept)[:n]
+
+
+def _inside(robot: Robot, n: int, generator: np.random.Generator) -> np.ndarray:
+    space = robot.workspace
+    angle = generator.uniform(0, 2 * np.pi, n)
+    radius = space.radius * np.sqrt(generator.random(n))
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), generator.uniform(space.z_min, space.z_max, n)], 1)
+
+
+def _on_surface(robot: Robot, n: int, generator: np.random.Generator) -> np.ndarray:
+    space = robot.workspace
+    x = _inside(robot, n, generator)
+    wall, lid = 2 * (space.z_max - space.z_min), space.radius  # both over π·radius
+    part = generator.random(n) * (wall + 2 * lid)
+    on_wall = part < wall
+    reach_out = np.hypot(x[:, 0], x[:, 1])
+    x[on_wall, :2] *= (space.radius / np.maximum(reach_out, 1e-12))[on_wall, None]
+    x[~on_wall, 2] = np.where(part < wall + lid, space.z_min, space.z_max)[~on_wall]
+    return x
+
+
+def _drawn_in(machine: Machine, x: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Commands for the points x, or for the last reachable ones on their way to the middle of the workspace."""
+    space = machine.robot.workspace
+    middle = np.array([0.0, 0.0, 0.5 * (space.z_min + space.z_max)])
+    best, ok = reach(machine, x, R)
+    low, high = np.zeros(len(x)), np.ones(len(x))  # share of the way from the middle: reached, not reached
+    open_ = np.flatnonzero(~ok)
+    for _ in range(9):
+        if not len(open_):
+            break
+        share = 0.5 * (low[open_] + high[open_])
+        q, good = reach(machine, middle + share[:, None] * (x[open_] - middle), R[open_])
+        best[open_[good]] = q[good]
+        ok[open_[good]] = True
+        low[open_[good]], high[open_[~good]] = share[good], share[~good]
+    return best, ok
+
+
+def _orientations(robot: Robot, n: int, generator: np.random.Generator) -> np.ndarray:
+    """(n, 3, 3) within the workspace's tilt and yaw, of the components that the robot commands."""
+    task, space = robot.mechanism.task, robot.workspace
+    turn = np.zeros((n, 3))
+    way, tilt = generator.uniform(0, 2 * np.pi, n), space.tilt * np.sqrt(generator.random(n))
+    yaw = generator.uniform(-1, 1, n) * space.yaw
+    if 3 in task and 4 in task:
+        turn[:, :2] = tilt[:, None] * np.stack([np.cos(way), np.sin(way)], 1)
+    R = rotation.exp(turn)
+    if 5 in task:
+        R = R @ rotation.about(np.array([0.0, 0.0, 1.0]), yaw)
+    return R
+
+
+def _dealt(choices: np.ndarray, n: int, generator: np.random.Generator) -> np.ndarray:
+    """n of the choices, each as often as the others, in random order."""
+    return choices[generator.permutation(np.arange(n) % len(choices))]
+
+
+def _weather(n: int, generator: np.random.Generator) -> dict[str, np.ndarray]:
+    """Temperatures of arms, rods and base [°C] that rise and fall several times, each in a rhythm of its own."""
+    way = np.linspace(0, 2 * np.pi, n)
+    return {
+        f"temp_{part}": REFERENCE_TEMPERATURE + 2.0 + SWING * np.sin(cycles * way + generator.uniform(0, 2 * np.pi))
+        for part, cycles in zip(TEMPERATURES, (3, 4, 5), strict=True)
+    }
+
+
+def _of_file(robot: Robot, path: Path, tools: Sequence[np.ndarray], payloads: Sequence[float]) -> Plan:
+    """The commands and conditions of a file; what it says of measurements is left aside."""
+    table = tables.read(path)
+    mechanism = robot.mechanism
+    actuators = dict.fromkeys(mechanism.actuators, mechanism.actuator_dimension)
+    directions = tuple(f"dir{i + 1}" for i in range(len(actuators)))
+    wanted = actuators | cols.POSITION | cols.ROTATION | cols.CONDITIONS
+    columns = cols.assign(table, wanted, (*directions, "pose_id", "set", "status"), len(actuators))
+    cols.require(columns, actuators, "a plan holds the commanded actuator values")
+    q = columns.matrix(actuators)
+    tool = cols.tool(columns)
+    if tool is not None and len(tools):
+        raise table.error("the plan has tools of its own", remedy="leave out --tool, or the tool columns")
+    if len(tools) > 1 or len(payloads) > 1:
+        raise InputError("a plan from a file takes one tool and one payload for all rows", file=path)
+    payload = cols.payload(columns)
+    if len(payloads):
+        payload = np.full(len(q), float(payloads[0]))
+    numeric, _ = cols.conditions(columns, len(actuators))
+    commands = Commands.of(q, tool if tool is not None else (tools[0] if len(tools) else 0.0), payload, **numeric)
+    pose_id = np.full(len(q), -1)
+    if "pose_id" in columns:
+        names = {text: i for i, text in enumerate(dict.fromkeys(t for t in table.texts("pose_id") if t))}
+        pose_id = np.array([names.get(text, -1) for text in table.texts("pose_id")])
+    sets = table.texts("set") if "set" in columns else ["fit"] * len(q)
+    held = np.array([text.strip() == "check" for text in sets])
+    return Plan(commands, pose_id, held, path.name)

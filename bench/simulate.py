@@ -1,0 +1,156 @@
+"""A data set from a truth and a plan: the robot goes there, the instrument looks, and a file is written.
+
+Every row is computed by itself from seed and row number, so that a data set has the same bytes however many processes
+share the work.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bench import truth as truths
+from bench.commands import Commands, Landing
+from bench.plan import Plan
+from bench.truth import Truth
+from pcalib.errors import ReachError
+from pcalib.measurement import Measurements
+
+CHUNK = 64
+"""Rows per piece of work."""
+
+
+@dataclass(frozen=True, eq=False)
+class DataSet:
+    """What came out of a simulation."""
+
+    measurements: Measurements
+    landing: Landing
+    """Where the robot really went, for all rows of the plan."""
+    kept: np.ndarray
+    """Rows of the plan that are in the measurements."""
+    lost: np.ndarray
+    """Rows that the instrument lost, or saw nothing of."""
+    outlier: np.ndarray
+    """Rows that are grossly wrong, and in the measurements."""
+
+
+def run(
+    truth: Truth, plan: Plan, seed: int = 0, workers: int = 1, advance: Callable[[int], None] | None = None
+) -> DataSet:
+    """Carry out a plan and measure it.
+
+    Args:
+        seed: of the noise; together with the plan it fixes every byte.
+        workers: processes that share the rows.
+        advance: called with the number of rows just done, for a progress bar.
+
+    Raises:
+        ReachError: more than half of the commands lead nowhere.
+        InputError: a fault lacks a column, such as a temperature history.
+    """
+    robot, instrument, commands = truth.robot, truth.instrument, plan.commands
+    rows = np.arange(len(plan))
+    for fault in truth.faults:
+        if not fault.absent:
+            commands.need(fault.NEEDS, f"fault '{fault.name}'")
+    if instrument.moves_with_time:
+        commands.need(("time",), "the drift of the instrument")
+    columns = dict(commands.columns)
+    if "time" in columns:
+        columns["time"] = columns["time"] - columns["time"][0]
+    asked = Commands(commands.q, commands.tool, commands.payload, columns)
+    miss = instrument.joint_noise(asked.q, robot.mechanism.actuator_dimension, seed, rows)
+    landing = _land(truth, asked, miss, workers, advance)
+    _judge(truth, landing)
+
+    reading = instrument.read(landing.tcp, landing.R, columns.get("time"), seed, rows)
+    seen = ~(np.isnan(reading.position).all(axis=1) & np.isnan(reading.rotation).all(axis=(1, 2)))
+    kept = np.flatnonzero(landing.ok & seen & ~reading.lost)
+    if not len(kept):
+        raise ReachError("the instrument lost every row: lower missing_rows and missing_components")
+
+    def stated(sigma: np.ndarray) -> np.ndarray | None:
+        return sigma[kept] if instrument.values["state_sigma"] and sigma.any() else None
+
+    measurements = Measurements.create(
+        robot,
+        commands.q[kept],
+        reading.position[kept],
+        reading.rotation[kept],
+        tool=commands.tool[kept],
+        payload=commands.payload[kept],
+        columns={name: values[kept] for name, values in commands.columns.items()},
+        pose_id=plan.pose_id[kept],
+        check=plan.check[kept],
+        sigma_pos=stated(reading.sigma_pos),
+        sigma_rot=stated(reading.sigma_rot),
+        frame=instrument.values["frame"],
+        source="simulation",
+    )
+    return DataSet(
+        measurements, landing, kept, np.flatnonzero(landing.ok & ~(seen & ~reading.lost)), kept[reading.outlier[kept]]
+    )
+
+
+def truth_path(data: Path) -> Path:
+    """Where the sealed truth of a data file goes: data.csv → data.truth.toml."""
+    return data.with_name(f"{data.stem}.truth.toml")
+
+
+def _judge(truth: Truth, landing: Landing) -> None:
+    """That the robot works at all.
+
+    Raises:
+        ReachError: it does not; says what may be the cause.
+    """
+    failed = np.flatnonzero(~landing.ok)
+    if 2 * len(failed) <= len(landing):
+        return
+    words, counts = np.unique(landing.status[failed], return_counts=True)
+    why = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
+    present = [fault.name for fault in truth.faults if not fault.absent]
+    hint = f"faults {', '.join(present)} may be too strong" if present else "the commands may be of another robot"
+    raise ReachError(f"{len(failed)} of {len(landing)} commands cannot be carried out ({why}): {hint}")
+
+
+def _land(
+    truth: Truth, commands: Commands, miss: np.ndarray, workers: int, advance: Callable[[int], None] | None
+) -> Landing:
+    pieces = [slice(i, i + CHUNK) for i in range(0, len(commands), CHUNK)]
+    if workers == 1 or len(pieces) == 1:
+        machine, parts = truth.machine(), []
+        for piece in pieces:
+            parts.append(machine.run(commands.take(piece), miss[piece]))
+            if advance:
+                advance(len(parts[-1]))
+    else:
+        import joblib
+
+        text = truths.dumps(truth)
+        source = os.fspath(Path("sealed truth").absolute())
+        shared = joblib.Parallel(n_jobs=workers, return_as="generator")(
+            joblib.delayed(_piece)(text, source, commands.take(piece), miss[piece]) for piece in pieces
+        )
+        parts = []
+        for part in shared:
+            parts.append(part)
+            if advance:
+                advance(len(part))
+    return Landing(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "R", "tcp", "status")))
+
+
+_machines: dict[str, object] = {}
+
+
+def _piece(text: str, source: str, commands: Commands, miss: np.ndarray) -> Landing:
+    """The work of one process; its robot is kept for the next piece."""
+    if text not in _machines:
+        _machines.clear()
+        _machines[text] = truths.parse(text, source).machine()
+    machine = _machines[text]
+    return machine.run(commands, miss)  # type: ignore[attr-defined]

@@ -1,0 +1,206 @@
+"""Truth files (TOML): what is really wrong with a virtual robot, and what instrument looks at it.
+
+The form is in docs/bench.md. A truth that has been used is *sealed*: it then carries its robot, and every geometric
+error by its value, so that nothing has to be drawn again.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from bench import faults
+from bench.faults import Fault
+from bench.instrument import Instrument
+from bench.machine import Machine
+from bench.settings import Setting, read
+from pcalib import files, units
+from pcalib import robot as robots
+from pcalib.errors import InputError, unknown
+from pcalib.robot import Robot
+
+SCHEMA = "pcbench.truth/1"
+SECTIONS = ("schema", "robot", "geometry", "instrument", "faults", "sealed")
+DRAWN = (
+    Setting("sigma_length", "length", 0.0, 0.0, 0.05, about="1σ of every length and coordinate"),
+    Setting("sigma_angle", "angle", 0.0, 0.0, 0.2, about="1σ of every component of a rotation vector"),
+    Setting("sigma_ratio", "ratio", 0.0, 0.0, 0.05, about="1σ of every pure number, such as a gear ratio"),
+    Setting("seed", "whole", 0, 0.0, about="of the draw"),
+)
+STREAM = 0x6E0
+_DIMENSIONS = {"m": "length", "rad": "angle", "1": "ratio"}
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """A robot as it really is."""
+
+    robot: Robot
+    errors: np.ndarray
+    """(nk,) true minus nominal geometric parameters [m, rad, 1]."""
+    instrument: Instrument
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def values(self) -> np.ndarray:
+        """(nk,) true geometric parameters."""
+        return self.robot.mechanism.nominal + self.errors
+
+    def machine(self) -> Machine:
+        """The virtual robot.
+
+        Raises:
+            ReachError: it cannot be assembled.
+            InputError: a fault does not suit this kind of robot.
+        """
+        return Machine(self.robot, self.values, self.faults)
+
+
+def load(path: str | Path) -> Truth:
+    """Read a truth file; the path of its robot is relative to it.
+
+    Raises:
+        InputError: not readable, not TOML, or a key that is missing, unknown, without unit or out of range.
+    """
+    return parse(files.read_text(path), path)
+
+
+def parse(text: str, source: str | Path = "truth") -> Truth:
+    """A truth from the text of its file; `source` names it in messages and gives the folder of its robot file."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"not valid TOML: {error}", file=source, remedy="see docs/bench.md for the form") from None
+    try:
+        return _from_table(table, Path(source).parent)
+    except InputError as error:
+        if error.file is not None:
+            raise
+        line = _line_of(text, error.column)
+        raise InputError(error.problem, file=source, line=line, remedy=error.remedy) from None
+
+
+def draw_errors(robot: Robot, length: float, angle: float, seed: int, ratio: float = 0.0) -> np.ndarray:
+    """(nk,) independent normal errors of every raw parameter with 1σ `length` [m], `angle` [rad], `ratio` [1]."""
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
+    sigma = {"m": length, "rad": angle, "1": ratio}
+    scale = np.array([sigma[unit] for unit in robot.mechanism.units])
+    return scale * generator.standard_normal(len(scale))
+
+
+def dumps(truth: Truth, sealed: Mapping[str, Any] | None = None) -> str:
+    """The text of a sealed truth file: read again, it gives the same robot to the last bit.
+
+    Args:
+        sealed: how it was used, kept for the record under [sealed].
+    """
+    mechanism = truth.robot.mechanism
+    suffix = {"m": "_m", "rad": "_rad", "1": ""}
+    errors = {
+        name + suffix[unit]: float(error)
+        for name, unit, error in zip(mechanism.parameters, mechanism.units, truth.errors, strict=True)
+        if error
+    }
+    table: dict[str, Any] = {"schema": SCHEMA}
+    if sealed:
+        table["sealed"] = dict(sealed)
+    table["geometry"] = {"errors": errors}
+    table["instrument"] = truth.instrument.to_table()
+    table["faults"] = {fault.name: fault.to_table() for fault in truth.faults}
+    table["robot"] = tomllib.loads(truth.robot.text)
+    return tomli_w.dumps(table)
+
+
+def _from_table(table: Mapping[str, Any], folder: Path) -> Truth:
+    for key in table:
+        if key not in SECTIONS:
+            raise InputError(unknown("key", key, SECTIONS), column=key)
+    if table.get("schema", SCHEMA) != SCHEMA:
+        raise InputError(f"schema is '{table['schema']}', not '{SCHEMA}'", column="schema")
+    robot = _robot(table.get("robot"), folder)
+    for section in ("geometry", "instrument", "faults"):
+        if not isinstance(table.get(section, {}), dict):
+            raise InputError(f"'{section}' must be a section", column=section, remedy=f"write [{section}]")
+    made = []
+    for name, settings in table.get("faults", {}).items():
+        if not isinstance(settings, dict):
+            raise InputError(f"'{name}' must be a section", column=name, remedy=f"write [faults.{name}]")
+        made.append(faults.make(robot, name, settings))
+    instrument = Instrument.from_table(table.get("instrument", {}))
+    return Truth(robot, _errors(robot, table.get("geometry", {})), instrument, tuple(made))
+
+
+def _robot(given: Any, folder: Path) -> Robot:
+    if isinstance(given, str):
+        path = Path(given) if Path(given).is_absolute() else folder / given
+        if not path.exists():
+            raise InputError(
+                f"robot file '{given}' does not exist in {folder or '.'}", column="robot",
+                remedy="the path is relative to the truth file",
+            )  # fmt: skip
+        return robots.load(path)
+    if isinstance(given, dict):
+        return robots.parse(tomli_w.dumps(given), "[robot]")
+    raise InputError("'robot' is missing", remedy='write robot = "delta.toml", or the robot file itself under [robot]')
+
+
+def _errors(robot: Robot, table: Mapping[str, Any]) -> np.ndarray:
+    """Drawn errors plus listed ones."""
+    drawn = read({key: v for key, v in table.items() if key != "errors"}, DRAWN, "geometry", {})
+    errors = draw_errors(robot, drawn["sigma_length"], drawn["sigma_angle"], drawn["seed"], drawn["sigma_ratio"])
+    return errors + listed_errors(robot, table.get("errors", {}))
+
+
+def listed_errors(robot: Robot, listed: Any) -> np.ndarray:
+    """(nk,) errors of a table such as [geometry.errors]: parameter with unit → true minus nominal; others zero.
+
+    Raises:
+        InputError: no table, an unknown parameter, or a value without unit or that is no number.
+    """
+    if not isinstance(listed, Mapping):
+        raise InputError("'errors' must be a section", column="errors", remedy="write [geometry.errors]")
+    mechanism = robot.mechanism
+    errors = np.zeros(len(mechanism.parameters))
+    at = {name: i for i, name in enumerate(mechanism.parameters)}
+    given: set[str] = set()
+    for key, raw in _flat(listed):
+        name, unit = (key, None) if key in at else units.split(key)
+        if name not in at:
+            raise InputError(f"[geometry.errors] {unknown('parameter', name, at)}", column=key)
+        dimension = _DIMENSIONS[mechanism.units[at[name]]]
+        if (unit is None and dimension != "ratio") or (unit is not None and unit.dimension != dimension):
+            said = "has no unit" if unit is None else f"'{unit.suffix}' is not a unit of {dimension}"
+            remedy = f"write one of {units.spellings(name, dimension)}"
+            raise InputError(f"[geometry.errors] '{key}': {said}", column=key, remedy=remedy)
+        if isinstance(raw, bool) or not isinstance(raw, (int, float)) or not np.isfinite(raw):
+            raise InputError(f"[geometry.errors] '{key}' must be a number, not {raw!r}", column=key)
+        if name in given:
+            raise InputError(f"[geometry.errors] '{name}' is given twice", column=key, remedy="keep one of them")
+        given.add(name)
+        errors[at[name]] += raw * (1.0 if unit is None else unit.factor)
+    return errors
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """`p1.x_mm = 0.1` without quotes is a table in TOML: back to one key."""
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
+
+
+def _line_of(text: str, key: str | None) -> int | None:
+    """Line on which a key is written, for messages."""
+    if key is None:
+        return None
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.strip().lstrip("[").replace('"', "").startswith(key):
+            return number
+    return None
