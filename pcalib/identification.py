@@ -402,6 +402,14 @@ def _verdict(
             f"the data identify {identified} of the {expected} directions of level {unknowns.level.name}; "
             "spread the poses over the workspace ('pcalib plan'), or fit a simpler level"
         )
+    if unknowns.level.strict and ident.n_identified < unknowns.n_geometry:
+        unseen = [axis for c, axis in enumerate("xyz") if c not in state.linear.component]
+        cause = f" ({' and '.join(unseen)} never measured: a shift along them leaves no trace)" if unseen else ""
+        return "rank_deficient", (
+            f"the values of level {unknowns.level.name} are handed on one by one, but these readings fix only "
+            f"{ident.n_identified} of {unknowns.n_geometry}{cause}: {'; '.join(ident.sentences())}; "
+            "fit a level without them, hold them with --fix, or measure what tells them apart"
+        )
     return "converged", ""
 
 

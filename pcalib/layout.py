@@ -57,14 +57,19 @@ class Layout:
         return np.array([self.names.index(f"{symbol}{tag}") for tag in tags])
 
     def level(
-        self, name: str, columns: Mapping[str, tuple[str, Mapping[str, float]]], perfect: bool = False
+        self,
+        name: str,
+        columns: Mapping[str, tuple[str, Mapping[str, float]]],
+        *,
+        perfect: bool = False,
+        strict: bool = False,
     ) -> Level:
         """A level whose coordinates are the `columns`: name → (unit, parameter → change per unit of the coordinate)."""
         basis = np.zeros((len(self.names), len(columns)))
         for j, (_, entries) in enumerate(columns.values()):
             for parameter, change in entries.items():
                 basis[self.names.index(parameter), j] += change
-        return Level(name, tuple(columns), basis, tuple(unit for unit, _ in columns.values()), perfect)
+        return Level(name, tuple(columns), basis, tuple(unit for unit, _ in columns.values()), perfect, strict)
 
     def nominal_level(self) -> Level:
         """Nothing varies."""

@@ -100,6 +100,8 @@ class Level:
     units: tuple[str, ...]
     perfect: bool = False
     """Parallelograms stay perfect: the plate cannot tilt, so measured rotations are left out of the fit."""
+    strict: bool = False
+    """Every coordinate must be identified: its value is handed on by itself, to a firmware that knows no others."""
 
     @cached_property
     def raw(self) -> bool:

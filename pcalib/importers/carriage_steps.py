@@ -58,7 +58,7 @@ def read(path: Path, settings: Mapping[str, np.ndarray]) -> Imported:
     mm = {name: 1e3 * value for name, value in settings.items()}
     rod, radius, endstop = (float(mm[name][0]) for name in ("rod", "radius", "endstop"))
     if not 0 < radius < rod:
-        raise InputError(f"rods of {rod:.6g} mm cannot reach from a radius of {radius:.6g} mm", remedy="check rod, radius")
+        raise InputError(f"rods of {rod:.6g} mm cannot span a radius of {radius:.6g} mm", remedy="check rod and radius")
     homed = endstop + np.sqrt(rod**2 - radius**2)
     q = homed - steps / float(settings["steps_per_mm"][0])
     if not (q > 0).all():
@@ -105,7 +105,7 @@ def _steps(path: Path) -> tuple[np.ndarray, np.ndarray]:
         rows.append(row)
         lines.append(number)
     if len(rows) < 4:
-        raise InputError(f"{len(rows)} contacts are too few", file=path, remedy="probe at least 10 points, 20 are usual")
+        raise InputError(f"{len(rows)} contacts are too few", file=path, remedy="probe 10 points or more")
     return np.array(rows), np.array(lines)
 
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from pcalib import robot as robots
 from pcalib import rotation, table
-from pcalib.errors import InputError
 from pcalib.importers import Imported, Importer, Option
 from pcalib.measurement import Measurements
 

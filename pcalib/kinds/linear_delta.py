@@ -73,17 +73,17 @@ def _levels(layout: Layout, u: np.ndarray, v: np.ndarray, radius: float) -> dict
     common_radius = {"radius": ("m", {e: d for _, entries in radii.values() for e, d in entries.items()})}
     common_rod = {"rod.length": ("m", {e: d for _, entries in rods.values() for e, d in entries.items()})}
     firmware6 = zeros | common_radius | two_angles
-    perfect = {
+    firmware = {
         "firmware4": zeros | common_radius,
         "firmware6": firmware6,
         "firmware7": firmware6 | common_rod,
         "tower_radii": zeros | radii | two_angles | common_rod,
-        "tower_lean": firmware6 | leans,
-        "classical": zeros | radii | rods,
     }
     return {
         "nominal": layout.nominal_level(),
-        **{name: layout.level(name, columns, perfect=True) for name, columns in perfect.items()},
+        **{name: layout.level(name, columns, perfect=True, strict=True) for name, columns in firmware.items()},
+        "tower_lean": layout.level("tower_lean", firmware6 | leans, perfect=True),
+        "classical": layout.level("classical", zeros | radii | rods, perfect=True),
         "complete": layout.complete_level(),
     }
 
