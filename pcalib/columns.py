@@ -15,11 +15,13 @@ import numpy as np
 from pcalib import units
 from pcalib.errors import InputError, unknown
 from pcalib.robot import Robot
-from pcalib.table import Table
+from pcalib.table import LARGEST, Table
 
 POSITION = {"x": "length", "y": "length", "z": "length"}
 ROTATION = {"rx": "angle", "ry": "angle", "rz": "angle"}
 TOOL = {"tool_x": "length", "tool_y": "length", "tool_z": "length"}
+SMALLEST_SIGMA = 1e-15
+"""[m, rad] a standard deviation below this is none: weights would overflow."""
 TEMPERATURES = ("temp_arms", "temp_rods", "temp_base")
 CONDITIONS = {
     **TOOL,
@@ -205,7 +207,7 @@ def metadata(table: Table, wanted: Mapping[str, str], plain: Iterable[str]) -> d
             value = float(table.metadata[key])
         except ValueError:
             value = np.nan
-        if not (np.isfinite(value) and value > 0):
+        if not SMALLEST_SIGMA <= value * factor < LARGEST:
             raise error(key, f"metadata '{key}' must be a positive number, not {table.metadata[key]!r}", "e.g. 0.02")
         out[quantity] = value * factor
     return out

@@ -327,8 +327,9 @@ def _stated_sigma(columns: Columns, key: str, common: float | str | None) -> np.
         return stated
     name = columns.name(key)
     values = columns.si(key, blank=stated is not None)
-    if (values <= 0).any():
-        raise columns.table.error("σ must be positive", row=int(np.argmax(values <= 0)), column=name)
+    if (values < cols.SMALLEST_SIGMA).any():
+        row = int(np.argmax(values < cols.SMALLEST_SIGMA))
+        raise columns.table.error("σ must be positive", row=row, column=name, remedy="e.g. 0.02")
     return values if stated is None else np.where(np.isnan(values), stated, values)
 
 

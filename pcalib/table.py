@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 PARQUET = (".parquet", ".pq")
+LARGEST = 1e30
+"""Numbers in files stay below this, so that no square or unit overflows later on."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +80,10 @@ class Table:
             joined = "".join(cells)
             if "_" in joined or not joined.isascii():  # float() takes 1_000 and digits of other scripts
                 self._refuse_number(name, cells, blank)
-        if not np.isfinite(values).all():
+        sound = np.abs(values) < LARGEST
+        if not sound.all():
             empty = self.blank(name)
-            wrong = ~np.isfinite(values) & ~empty
+            wrong = ~sound & ~empty
             if wrong.any():
                 row = int(np.argmax(wrong))
                 self._refuse_cell(name, row, self.texts(name)[row], blank)
@@ -101,7 +104,10 @@ class Table:
             remedy = "write decimals with a point, not a comma"
         elif blank:
             remedy += ", or leave the field blank where nothing was measured"
-        raise self.error(f"{_short(cell)!r} is not a finite number", row=row, column=name, remedy=remedy)
+        problem = "is not a finite number"
+        if is_number(cell) and math.isfinite(float(cell)):
+            problem, remedy = "is beyond any meaning", f"numbers are below {LARGEST:.0e}"
+        raise self.error(f"{_short(cell)!r} {problem}", row=row, column=name, remedy=remedy)
 
 
 def is_number(cell: str) -> bool:
@@ -241,6 +247,12 @@ def _read_parquet(path: Path) -> Table:
         raise InputError("is a directory, not a file", file=path)
     try:
         content = pq.read_table(pa.BufferReader(path.read_bytes()))
+        content.validate(full=True)
+        names = content.column_names
+        metadata = {
+            key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
+            for key, value in (content.schema.metadata or {}).items()
+        }
     except FileNotFoundError:
         raise InputError("no such file", file=path, remedy="check the path") from None
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
@@ -248,14 +260,10 @@ def _read_parquet(path: Path) -> Table:
         problem = f"not a readable Parquet file: {first}"
         raise InputError(problem, file=path, remedy="write it anew, or use CSV") from None
     columns: dict[str, Sequence[str] | np.ndarray] = {}
-    for name, column in zip(content.column_names, content.columns, strict=True):
+    for name, column in zip(names, content.columns, strict=True):
         if name in columns:
             raise InputError(f"column '{name}' is given twice", file=path, remedy="keep one of them")
         columns[name] = _parquet_cells(path, name, column)
-    metadata = {
-        key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
-        for key, value in (content.schema.metadata or {}).items()
-    }
     # Writers leave notes of their own here (pandas, ARROW:schema, …): only lower-case words are taken for metadata.
     metadata = {key: value for key, value in metadata.items() if key.isidentifier() and key != "pandas"}
     return Table(str(path), columns, np.arange(1, content.num_rows + 1), metadata, {}, {})

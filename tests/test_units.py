@@ -71,9 +71,11 @@ def test_parse_quantity_reads_what_was_written(values, unit):
     np.testing.assert_allclose(units.parse_quantity(text, unit.dimension), np.array(values) * unit.factor, rtol=1e-15)
 
 
-@pytest.mark.parametrize("text", ["", "mm", "1", "1,2", "1 2mm", "1,mm", "nanmm", "infmm", "1furlong", "1deg", "1_0mm", "1e999mm"])
+@pytest.mark.parametrize(
+    "text", ["", "mm", "1", "1,2", "1 2mm", "1,mm", "nanmm", "infmm", "1furlong", "1deg", "1_0mm", "1e999mm"]
+)
 def test_parse_quantity_refuses(text):
-    with pytest.raises(InputError, match="unit|beyond"):
+    with pytest.raises(InputError, match=r"unit|beyond"):
         units.parse_quantity(text, "length", option="--tool")
 
 
