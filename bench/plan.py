@@ -11,8 +11,9 @@ Workspace and joint range are those of the plate of the *nominal* robot, solved 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,10 @@ PACE = 20.0
 """[s] from one measurement to the next."""
 REPLICATED = 1 / 6
 """Share of a rich plan's rows that repeat the row before."""
+
+
+Solver = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Plate positions (N, 3) [m] and orientations (N, 3, 3) → commands (N, nq) and which of them can be reached (N,)."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,7 @@ def make(
     tools: Sequence[np.ndarray] = (),
     payloads: Sequence[float] = (),
     seed: int = 0,
+    solver: Solver | None = None,
 ) -> Plan:
     """A plan by name, or the one in a file.
 
@@ -69,6 +75,7 @@ def make(
         n: rows to fit; check: further rows, held out. A file brings its own rows.
         tools: (3,) each [m, plate frame], dealt out evenly and at random; payloads: [kg], likewise.
         seed: the same seed gives the same plan.
+        solver: how commands for poses are found; the bench's own when absent.
 
     Raises:
         InputError: no such plan, no usable file, or numbers that make no plan.
@@ -89,7 +96,7 @@ def make(
         distinct = total - round(total * REPLICATED)
         repeats = np.ones(distinct, int)
         repeats[generator.choice(distinct, min(total - distinct, distinct), replace=False)] = 2
-    q = _poses(robot, distinct, generator, border=name == "border")
+    q = _poses(robot, distinct, generator, solver or partial(reach, Machine(robot)), border=name == "border")
     if name == "rich" and not payloads:
         payloads = PAYLOADS
     tool = _dealt(np.atleast_2d(np.zeros(3) if not len(tools) else np.array(tools, float)), distinct, generator)
@@ -115,9 +122,8 @@ def _last(repeats: np.ndarray, rows: int) -> np.ndarray:
     return np.arange(len(repeats))[::-1][: np.searchsorted(counted, rows, side="right")]
 
 
-def _poses(robot: Robot, n: int, generator: np.random.Generator, *, border: bool) -> np.ndarray:
+def _poses(robot: Robot, n: int, generator: np.random.Generator, solver: Solver, *, border: bool) -> np.ndarray:
     """n commands (n, nq) whose plate poses lie in, or on the border of, workspace ∩ joint range."""
-    machine = Machine(robot)
     kept: list[np.ndarray] = []
     tried = 0
     while sum(map(len, kept)) < n:
@@ -130,9 +136,9 @@ def _poses(robot: Robot, n: int, generator: np.random.Generator, *, border: bool
         tried += size
         R = _orientations(robot, size, generator)
         if border:
-            q, ok = _drawn_in(machine, _on_surface(robot, size, generator), R)
+            q, ok = _drawn_in(robot, solver, _on_surface(robot, size, generator), R)
         else:
-            q, ok = reach(machine, _inside(robot, size, generator), R)
+            q, ok = solver(_inside(robot, size, generator), R)
         kept.append(q[ok])
     return np.concatenate(kept)[:n]
 
@@ -156,18 +162,18 @@ def _on_surface(robot: Robot, n: int, generator: np.random.Generator) -> np.ndar
     return x
 
 
-def _drawn_in(machine: Machine, x: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _drawn_in(robot: Robot, solver: Solver, x: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Commands for the points x, or for the last reachable ones on their way to the middle of the workspace."""
-    space = machine.robot.workspace
+    space = robot.workspace
     middle = np.array([0.0, 0.0, 0.5 * (space.z_min + space.z_max)])
-    best, ok = reach(machine, x, R)
+    best, ok = solver(x, R)
     low, high = np.zeros(len(x)), np.ones(len(x))  # share of the way from the middle: reached, not reached
     open_ = np.flatnonzero(~ok)
     for _ in range(9):
         if not len(open_):
             break
         share = 0.5 * (low[open_] + high[open_])
-        q, good = reach(machine, middle + share[:, None] * (x[open_] - middle), R[open_])
+        q, good = solver(middle + share[:, None] * (x[open_] - middle), R[open_])
         best[open_[good]] = q[good]
         ok[open_[good]] = True
         low[open_[good]], high[open_[~good]] = share[good], share[~good]

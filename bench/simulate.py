@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -22,6 +23,14 @@ from pcalib.measurement import Measurements
 
 CHUNK = 64
 """Rows per piece of work."""
+
+
+class Robotic(Protocol):
+    """What carries out commands: a `Machine`, or a `BatchMachine`."""
+
+    def run(self, commands: Commands, miss: np.ndarray | None = None) -> Landing:
+        """Where the robot ends up, see :meth:`bench.machine.Machine.run`."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +49,12 @@ class DataSet:
 
 
 def run(
-    truth: Truth, plan: Plan, seed: int = 0, workers: int = 1, advance: Callable[[int], None] | None = None
+    truth: Truth,
+    plan: Plan,
+    seed: int = 0,
+    workers: int = 1,
+    advance: Callable[[int], None] | None = None,
+    machine: Robotic | None = None,
 ) -> DataSet:
     """Carry out a plan and measure it.
 
@@ -48,6 +62,7 @@ def run(
         seed: of the noise; together with the plan it fixes every byte.
         workers: processes that share the rows.
         advance: called with the number of rows just done, for a progress bar.
+        machine: the robot of this truth, where it has been built already.
 
     Raises:
         ReachError: more than half of the commands lead nowhere.
@@ -65,7 +80,7 @@ def run(
         columns["time"] = columns["time"] - columns["time"][0]
     asked = Commands(commands.q, commands.tool, commands.payload, columns)
     miss = instrument.joint_noise(asked.q, robot.mechanism.actuator_dimension, seed, rows)
-    landing = _land(truth, asked, miss, workers, advance)
+    landing = _land(truth, asked, miss, workers, advance) if machine is None else machine.run(asked, miss)
     _judge(truth, landing)
 
     reading = instrument.read(landing.tcp, landing.R, columns.get("time"), seed, rows)
@@ -138,6 +153,7 @@ def _land(
         )
         parts = []
         for part in shared:
+            assert isinstance(part, Landing)
             parts.append(part)
             if advance:
                 advance(len(part))
