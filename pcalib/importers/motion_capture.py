@@ -129,8 +129,8 @@ IMPORTER = Importer(
             tuple(1e3 / v for v in (13.21144, 14.0456, 13.8233, 14.124109, 14.16007, 14.03256)), "mm_rev",
             "lengthening per revolution of each motor",
         ),
-        "sigma_pos": Option((0.5,), "mm", "1σ of a position, the robot's repeatability included"),
-        "sigma_rot": Option((0.12,), "deg", "1σ of an orientation, the robot's repeatability included"),
+        "sigma_pos": Option((0.4,), "mm", "1σ of a position, the robot's repeatability included"),
+        "sigma_rot": Option((0.17,), "deg", "1σ of an orientation, the robot's repeatability included"),
     },
     read=read,
 )  # fmt: skip
