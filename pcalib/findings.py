@@ -40,7 +40,7 @@ def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
         yield Finding("error", "nothing_measured", "No row holds a measurement: x, y, z and rotation are all blank.")
         return
     if nothing.any():
-        yield Finding("warning", "empty_rows", f"{nothing.sum()} rows hold no measurement ({_lines(data, nothing)}).")
+        yield Finding("warning", "empty_rows", f"No measurement in {_lines(data, nothing)}.")
     if not len(used):
         yield Finding("error", "nothing_to_fit", "All rows are set = check: there is nothing to fit.")
         return
@@ -64,7 +64,8 @@ def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
     if (shared >= 0).any():
         yield Finding(
             "warning", "leak",
-            f"{np.sum(shared >= 0)} pose_ids stand both in fit and in check: the check rows are not independent.",
+            f"Rows of one pose_id stand both in fit and in check ({np.sum(shared >= 0)} ids): the check is not "
+            "independent.",
         )  # fmt: skip
     if not data.mask[:, 3].any():
         tools = len(np.unique(np.round(data.tool, 6), axis=0))
@@ -175,7 +176,7 @@ def noise_level(data: Measurements, noise: Noise) -> Iterator[Finding]:
     if not verified(noise):
         yield Finding(
             "warning", "few_replicates",
-            f"{noise.groups} repeated poses are too few to verify the noise; ten or more are needed.",
+            f"Too few repeated poses to verify the noise ({noise.groups}); ten or more are needed.",
         )  # fmt: skip
     for what, ratio, dof, seen, unit in (
         ("position", noise.ratio_pos, noise.dof_pos, noise.sigma_pos * 1e6, "µm"),
@@ -201,8 +202,8 @@ def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
     if still.any():
         yield Finding(
             "warning", "frozen",
-            f"{still.sum()} rows repeat the position of the row before although the command changed "
-            f"({_lines(data, still)}): was the instrument frozen?",
+            f"The position is that of the row before although the command changed ({_lines(data, still)}): was the "
+            "instrument frozen?",
         )  # fmt: skip
     for what, column, low, high, unit in (("position", 0, 1e-7, 1e-3, "m"), ("rotation", 3, 1e-7, 2e-2, "rad")):
         sigma = data.sigma[data.mask[:, column], column]
@@ -234,7 +235,7 @@ def against_nominal(data: Measurements, nominal: Nominal) -> Iterator[Finding]:
     """Mix-ups that the nominal robot shows."""
     if len(nominal.unreachable):
         where = _lines(data, nominal.unreachable)
-        beyond = f"The nominal robot cannot take {len(nominal.unreachable)} of the commands ({where})."
+        beyond = f"The nominal robot cannot take the command of {where}."
         yield Finding("warning", "unreachable", beyond)
     if np.isnan(nominal.rms):
         return
@@ -257,8 +258,8 @@ def against_nominal(data: Measurements, nominal: Nominal) -> Iterator[Finding]:
         if far.any():
             yield Finding(
                 "warning", "far_rows",
-                f"{far.sum()} rows are more than {limit * 1e3:.3g} mm from the nominal robot, where most are within "
-                f"{typical * 1e3:.2g} mm ({_lines(data, nominal.rows[far])}): do command and measurement belong "
+                f"More than {limit * 1e3:.3g} mm from the nominal robot, where half of all are within "
+                f"{typical * 1e3:.2g} mm: {_lines(data, nominal.rows[far])}. Do command and measurement belong "
                 "together?",
             )  # fmt: skip
 
@@ -295,6 +296,10 @@ def span(values: np.ndarray) -> dict[str, float]:
 
 
 def _lines(data: Measurements, rows: np.ndarray) -> str:
-    """'lines 3, 7, 9, …' of a mask or of indices."""
-    lines = data.lines[rows]
-    return f"line{'s' * (len(lines) > 1)} " + ", ".join(map(str, lines[:5])) + (", …" if len(lines) > 5 else "")
+    """'lines 3, 7 and 9' of a mask or of indices; no more than five are named."""
+    lines = [str(line) for line in data.lines[rows]]
+    if len(lines) == 1:
+        return f"line {lines[0]}"
+    if len(lines) > 5:
+        lines = [*lines[:5], f"{len(lines) - 5} more"]
+    return f"lines {', '.join(lines[:-1])} and {lines[-1]}"

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pcalib import columns as cols
 from pcalib import plausibility, rotation, units
@@ -87,17 +88,17 @@ class Measurements:
     def create(
         cls,
         robot: Robot,
-        q: np.ndarray,
-        position: np.ndarray,
-        rotation: np.ndarray | None = None,
+        q: ArrayLike,
+        position: ArrayLike,
+        rotation: ArrayLike | None = None,
         *,
-        tool: np.ndarray | None = None,
-        payload: np.ndarray | float = 0.0,
-        columns: Mapping[str, np.ndarray] | None = None,
-        pose_id: np.ndarray | None = None,
-        check: np.ndarray | None = None,
-        sigma_pos: np.ndarray | float | None = None,
-        sigma_rot: np.ndarray | float | None = None,
+        tool: ArrayLike | None = None,
+        payload: ArrayLike = 0.0,
+        columns: Mapping[str, ArrayLike] | None = None,
+        pose_id: ArrayLike | None = None,
+        check: ArrayLike | None = None,
+        sigma_pos: ArrayLike | None = None,
+        sigma_rot: ArrayLike | None = None,
         frame: str = "base",
         source: str = "measurements",
     ) -> Measurements:
@@ -333,9 +334,7 @@ def _stated_sigma(columns: Columns, key: str, common: float | str | None) -> np.
     return values if stated is None else np.where(np.isnan(values), stated, values)
 
 
-def _sigma(
-    mask: np.ndarray, position: np.ndarray | float | None, turn: np.ndarray | float | None
-) -> tuple[np.ndarray, bool]:
+def _sigma(mask: np.ndarray, position: ArrayLike | None, turn: ArrayLike | None) -> tuple[np.ndarray, bool]:
     """(N, 6) σ with the defaults filled in, and whether all that is measured has a stated one."""
     out = np.empty(mask.shape)
     stated = True

@@ -94,7 +94,8 @@ def _readings(
                 continue
             read = data.position[ok][:, order] * sign
             said = ", ".join(
-                f"{'xyz'[j]} is {'−' if sign[j] < 0 else 'what stands in '}{'xyz'[i]}"
+                f"{'xyz'[j]} has the wrong sign" if i == j
+                else f"{'xyz'[j]} is {'minus ' if sign[j] < 0 else ''}what stands in {'xyz'[i]}"
                 for j, i in enumerate(order)
                 if i != j or sign[j] < 0
             )

@@ -60,7 +60,7 @@ TOKENS = [
 @st.composite
 def mutated(draw, *valid):
     """A valid file with cells, lines and pieces removed, repeated, swapped or replaced."""
-    text = draw(st.sampled_from(valid))
+    text = str(draw(st.sampled_from(valid)))
     dice = random.Random(draw(st.integers(0, 2**32)))
     for _ in range(draw(st.integers(1, 4))):
         token, at = dice.choice(TOKENS), dice.randrange(len(text) + 1)
@@ -80,7 +80,7 @@ def mutated(draw, *valid):
                 text = "\n".join(lines[:row] + lines[row + 1 :])
             case 5 | 6:  # one cell or value
                 separator = "," if "," in lines[row] else "="
-                cells = lines[row].split(separator)
+                cells: list[str] = list(lines[row].split(separator))
                 cells[dice.randrange(len(cells))] = token if dice.random() < 0.8 else repr(dice.gauss(0, 1000))
                 lines[row] = separator.join(cells)
                 text = "\n".join(lines)

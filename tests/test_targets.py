@@ -27,6 +27,7 @@ def load(tmp_path, text, kind="delta", name="targets.csv"):
 def test_targets_in_si(tmp_path):
     targets = load(tmp_path, TARGETS)
     np.testing.assert_allclose(targets.position[1], [0.01025, -0.02, -0.8505])
+    assert targets.tool is not None
     np.testing.assert_allclose(targets.tool, np.tile([0, 0, -0.1], (3, 1)))
     np.testing.assert_allclose(targets.payload, [0, 1.5, 0])
     np.testing.assert_allclose(targets.columns["temp_rods"], [20, 25, 25])

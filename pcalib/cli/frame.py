@@ -87,6 +87,10 @@ def run(program: App, argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
         return PIPE_CLOSED
+    except SystemExit as error:  # how rich tells that the reader went away
+        if isinstance(error.__context__, BrokenPipeError):
+            return PIPE_CLOSED
+        raise
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return fail(f"{where}{error.strerror or error}")
@@ -229,12 +233,13 @@ def _help(source: Path) -> tuple[str, str]:
 def _usage(program: App, error: CycloptsError) -> str:
     """One clear message for wrong usage, with the command to ask for help."""
     chain = " ".join(error.command_chain or ())
-    message = str(error).strip()
     if isinstance(error, UnusedCliTokensError):
         message = f"unexpected argument '{(error.unused_tokens or [''])[0]}'"
     elif isinstance(error, UnknownCommandError):
         names = [n for n in program if not n.startswith("-")]
         given = (error.unused_tokens or [""])[0]
         message = f"unknown option '{given}'" if given.startswith("-") else unknown("command", given, names)
+    else:
+        message = str(error).strip()  # not for the above: cyclopts would import every command to write it
     name = f"{program.name[0]} {chain}".strip()
     return f"{message}\n  see {name} --help"
