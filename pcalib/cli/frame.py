@@ -172,8 +172,10 @@ def show_table(header: Sequence[str], rows: Iterable[Sequence[object]], *, title
 
 
 @contextmanager
-def progress(what: str, total: int | None = None) -> Iterator[Callable[..., None]]:
+def progress(what: str, total: int | None = None, unit: str = "") -> Iterator[Callable[..., None]]:
     """A progress bar on stderr, shown only on a terminal and only for work that takes a while.
+
+    With a `unit`, such as 'robots', it shows how many there are and how many per second.
 
     Yields a function ``advance(n=1)`` to call after every step.
     """
@@ -188,7 +190,8 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[..., None
             from rich.console import Console
             from rich.progress import Progress
 
-            bar = Progress(console=Console(stderr=True), transient=True)
+            columns = Progress.get_default_columns() + ((_rate(unit),) if unit else ())
+            bar = Progress(*columns, console=Console(stderr=True), transient=True)
             task = bar.add_task(what, total=total)
             bar.start()
         if bar is not None:
@@ -199,6 +202,19 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[..., None
     finally:
         if bar is not None:
             bar.stop()
+
+
+def _rate(unit: str) -> Any:
+    """A column of the progress bar: how many of how many, and how fast."""
+    from rich.progress import ProgressColumn, Task
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            speed = f" · {task.speed:.1f} {unit}/s" if task.speed else ""
+            return Text(f"{task.completed:,.0f} of {task.total or 0:,.0f} {unit}{speed}")
+
+    return Rate()
 
 
 def _console() -> Any:
