@@ -5,7 +5,7 @@ The form of the file is in docs/files.md; the same table is read from CSV and fr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -246,7 +246,9 @@ def save(path: str | Path, data: Measurements) -> None:
     tables.write(path, out | {name: [str(v) for v in values] for name, values in data.notes.items()}, head)
 
 
-def _put_sigma(data: Measurements, key: str, axes: slice, head: dict[str, str], put) -> None:
+def _put_sigma(
+    data: Measurements, key: str, axes: slice, head: dict[str, str], put: Callable[[str, str, np.ndarray], None]
+) -> None:
     """σ into the metadata where it is one number, else into a column."""
     seen = np.where(data.mask[:, axes], data.sigma[:, axes], np.nan)
     if np.isnan(seen).all():
