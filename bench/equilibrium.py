@@ -56,7 +56,7 @@ class Equilibrium:
         self.loops, model = loops, loops.model
         joints = np.array([model.joint(name).id for name in springs], int)
         self._spring_qpos, spring_dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-        self._joints = joints
+        self.springs, self._joints = tuple(springs), joints
         self.free = np.sort(np.concatenate([loops.free, spring_dofs]))
         self._diagonal = np.searchsorted(self.free, spring_dofs)
         self._step = np.zeros(model.nv)

@@ -1,13 +1,13 @@
 """What an instrument makes of the poses that the robot takes.
 
-One instrument has all properties, most of them zero: noise that may grow with distance, a frame of its own, scale,
-drift, resolution, rows and components that go missing, gross outliers. Kinds differ in what they see at all:
+One instrument has all properties, most of them zero: noise that may grow with distance, a frame of its own, resolution,
+rows and components that go missing, gross outliers. Its drift and its scale are faults. Kinds differ in what they see:
 
     pose       position and rotation (a 6-D laser tracker, a camera on a target)
     position   position only (a laser tracker on one reflector)
     probe      z only (a touch probe, a bed contact)
 
-Order: true pose → frame of the instrument (tracker) → drift → scale → noise, outliers → resolution → missing.
+Order: true pose → frame of the instrument (tracker) → faults of it → noise, outliers → resolution → missing.
 Every row draws from a generator of its own, so that neither the order nor the number of workers matters.
 """
 
@@ -37,9 +37,6 @@ SETTINGS = (
     Setting("frame", "word", "base", words=("base", "tracker"), about="'tracker': its place is unknown to the user"),
     Setting("position", "length", np.array([2.5, -1.0, -0.4]), per="axis", about="where it stands, base frame"),
     Setting("rotation", "angle", np.array([0.3, -0.2, 2.0]), per="axis", about="rotation vector, its axes → base"),
-    Setting("scale", "ratio", 0.0, -0.1, 0.1, about="of all it measures from its own origin"),
-    Setting("drift", "velocity", np.zeros(3), per="axis", about="creep of the instrument, its own axes"),
-    Setting("drift_rot", "angular_velocity", np.zeros(3), per="axis", about="the same, turning about its origin"),
     Setting("resolution_pos", "length", 0.0, 0.0, 0.1, about="step of its last digit"),
     Setting("resolution_rot", "angle", 0.0, 0.0, 0.2, about="step of its last digit, rotation vector"),
     Setting("outliers", "number", 0.0, 0.0, 1.0, about="share of rows that are grossly wrong"),
@@ -93,10 +90,12 @@ class Instrument:
         """The table that gives this instrument again."""
         return settings.write(self.values, SETTINGS)
 
-    @property
-    def moves_with_time(self) -> bool:
-        """Whether the rows need a time."""
-        return bool(self.values["drift"].any() or self.values["drift_rot"].any())
+    def frame(self, tcp: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (N, 3) [m] and rotations (N, 3, 3) of the base frame in that of the instrument."""
+        if self.values["frame"] == "base":
+            return tcp, R
+        turn = rotation.exp(self.values["rotation"])
+        return (tcp - self.values["position"]) @ turn, turn.T @ R
 
     def joint_noise(self, q: np.ndarray, dimension: str, seed: int, rows: np.ndarray) -> np.ndarray:
         """(N, nq) by which the drives miss their commands; `rows` (N,) are the rows' numbers in the plan."""
@@ -105,14 +104,11 @@ class Instrument:
             return np.zeros_like(q)
         return sigma * np.stack([_generator(seed, 2 * int(r) + 1).standard_normal(q.shape[1]) for r in rows])
 
-    def read(
-        self, tcp: np.ndarray, R: np.ndarray, time: np.ndarray | None, seed: int, rows: np.ndarray
-    ) -> Reading:
-        """Measure N true poses.
+    def read(self, tcp: np.ndarray, R: np.ndarray, seed: int, rows: np.ndarray) -> Reading:
+        """Measure N poses.
 
         Args:
-            tcp: (N, 3) [m] and R (N, 3, 3) in the base frame.
-            time: (N,) [s], where the instrument drifts.
+            tcp: (N, 3) [m] and R (N, 3, 3) in the instrument's frame.
             rows: (N,) numbers of the rows in the plan: what each row draws depends on seed and number alone.
         """
         v, n = self.values, len(tcp)
@@ -121,18 +117,7 @@ class Instrument:
             generator = _generator(seed, 2 * int(row))
             draws[i, :9], draws[i, 9:] = generator.standard_normal(9), generator.random(7)
 
-        place, turn = v["position"], rotation.exp(v["rotation"])
-        if v["frame"] == "tracker":
-            tcp, R = (tcp - place) @ turn, turn.T @ R
-            distance = np.linalg.norm(tcp, axis=1)
-        else:
-            distance = np.linalg.norm(tcp - place, axis=1)
-        if self.moves_with_time and time is not None:
-            # The instrument creeps away, so what it looks at seems to creep the other way.
-            back = np.swapaxes(rotation.exp(time[:, None] * v["drift_rot"]), 1, 2)
-            tcp = (back @ (tcp - time[:, None] * v["drift"])[:, :, None])[:, :, 0]
-            R = back @ R
-        tcp = tcp * (1 + v["scale"])
+        distance = np.linalg.norm(tcp if v["frame"] == "tracker" else tcp - v["position"], axis=1)
 
         sigma_pos = np.hypot(v["sigma_pos"], v["sigma_distance"] * distance)
         sigma_rot = np.full(n, float(v["sigma_rot"]))

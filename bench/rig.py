@@ -57,9 +57,12 @@ class Rig:
             model.body_pos[self._payload] = row.tool
         model.body_pos[self._base], model.body_quat[self._base] = self._base_pose
 
-    def hold(self, joint: str, value: float) -> None:
-        """Put a held joint somewhere [rad or m]."""
-        self.driven[self._held[joint]] = value
+    def hold(self, joint: str, value: float, still: float = 0.0) -> bool:
+        """Put a held joint somewhere [rad or m]; whether that is elsewhere, by more than `still`, than before."""
+        at = self._held[joint]
+        moved = abs(value - self.driven[at]) > still
+        self.driven[at] = value
+        return bool(moved)
 
     def load(self, joint: str) -> float:
         """What a held or actuated joint has to carry [N·m or N], positive where it pushes towards positive values.

@@ -32,6 +32,8 @@ class Setting:
     high: float = np.inf
     per: str = ""
     """'actuator' or 'rod': one number each, or one for all; 'axis': three numbers; '': one number."""
+    typical: Any = None
+    """[SI] usual size, one number for all of a 'per'; None: the default."""
     words: tuple[str, ...] = ()
     """Accepted values of a 'word'."""
     about: str = ""
@@ -76,7 +78,7 @@ def read(
         elif setting.default is REQUIRED:
             raise InputError(f"[{where}] '{setting.name}' is missing", remedy=f"write {setting.spellings}")
         else:
-            out[setting.name] = _spread(setting, setting.default, counts)
+            out[setting.name] = spread(setting, setting.default, counts)
     return out
 
 
@@ -134,11 +136,13 @@ def _value(setting: Setting, key: str, raw: Any, factor: float, where: str, coun
         low, high = setting.low / factor, setting.high / factor
         bounds = f"at least {low:g}" if np.isinf(high) else f"from {low:g} to {high:g}"
         raise InputError(f"[{where}] '{key}' must be {bounds}, not {raw!r}", column=key)
-    return _spread(setting, si if many else float(si[0]), counts)
+    return spread(setting, si if many else float(si[0]), counts)
 
 
-def _spread(setting: Setting, value: Any, counts: Mapping[str, int]) -> Any:
+def spread(setting: Setting, value: Any, counts: Mapping[str, int]) -> Any:
     """One array per setting with 'per', whatever was given; whole numbers as int."""
     if setting.per:
         return np.broadcast_to(np.asarray(value, float), (counts[setting.per],)).copy()
-    return int(value) if setting.dimension == "whole" else value
+    if setting.dimension == "whole":
+        return int(value)
+    return float(value) if isinstance(value, np.number) else value

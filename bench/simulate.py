@@ -73,8 +73,6 @@ def run(
     for fault in truth.faults:
         if not fault.absent:
             commands.need(fault.NEEDS, f"fault '{fault.name}'")
-    if instrument.moves_with_time:
-        commands.need(("time",), "the drift of the instrument")
     columns = dict(commands.columns)
     if "time" in columns:
         columns["time"] = columns["time"] - columns["time"][0]
@@ -83,7 +81,10 @@ def run(
     landing = _land(truth, asked, miss, workers, advance) if machine is None else machine.run(asked, miss)
     _judge(truth, landing)
 
-    reading = instrument.read(landing.tcp, landing.R, columns.get("time"), seed, rows)
+    position, R = instrument.frame(landing.tcp, landing.R)
+    for fault in truth.faults:
+        position, R = fault.seen(position, R, asked)
+    reading = instrument.read(position, R, seed, rows)
     seen = ~(np.isnan(reading.position).all(axis=1) & np.isnan(reading.rotation).all(axis=(1, 2)))
     kept = np.flatnonzero(landing.ok & seen & ~reading.lost)
     if not len(kept):

@@ -1,8 +1,9 @@
 """Faults: what a real robot has and the drawings do not. One file each.
 
-A file of this folder that defines ``FAULT``, a subclass of :class:`Fault`, is a fault; its name is the file's. A fault
-acts through MuJoCo: it adds joints, springs and bodies to the MjSpec, moves things before a row is solved, or looks at
-MuJoCo's forces afterwards. It never touches the pose itself, and knows nothing of the formulas of :mod:`pcalib`.
+A file of this folder that defines ``FAULT``, a subclass of :class:`Fault`, is a fault; its name is the file's. Files
+that start with `_` hold what several share. A fault acts through MuJoCo: it adds joints, springs and bodies to the
+MjSpec, moves things before a row is solved, or looks at MuJoCo's forces afterwards. It never touches the pose itself,
+and knows nothing of the formulas of :mod:`pcalib`.
 
 The hooks, in the order in which the machine calls them (see :mod:`bench.machine`); a fault overrides what it needs:
 
@@ -12,9 +13,13 @@ The hooks, in the order in which the machine calls them (see :mod:`bench.machine
     prepare(rig, row)     springs, forces, base, gravity
     settle(rig, row)      after the row was solved; True asks to solve it again
     mount(t, row)         where the tool centre point really is in the tool's frame
+    seen(x, R, commands)  all rows at once, in the frame of the instrument: what is wrong with that
 
 Faults compose because each has joints of its own: drive spring, backlash and wind-up are hinges on one axis in series.
 At zero a fault adds nothing at all (`absent`), so that the rigid robot comes out to the bit.
+
+Settings may be of a dimension that the robot decides: 'drive' is an angle on rotary drives and a length on carriages,
+'drive_compliance' and 'drive_per_kelvin' likewise.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -24,40 +29,61 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from bench import settings
-from bench.commands import Row
+from bench.commands import Commands, Row
 from bench.rig import Rig
 from bench.settings import Setting
 from pcalib.errors import InputError, unknown
 from pcalib.robot import Robot
+
+DRIVE_DIMENSIONS = {
+    "drive": {"angle": "angle", "length": "length"},
+    "drive_compliance": {"angle": "rotational_compliance", "length": "compliance"},
+    "drive_per_kelvin": {"angle": "angle_per_kelvin", "length": "length_per_kelvin"},
+}
 
 
 class Fault:
     """Base of all faults: settings as attributes, and hooks that do nothing."""
 
     SETTINGS: ClassVar[tuple[Setting, ...]]
-    """Its numbers; the first ones decide whether the fault is there at all."""
+    """Its numbers."""
     NEEDS: ClassVar[tuple[str, ...]] = ()
     """Columns of the commands that it cannot do without."""
     loaded: ClassVar[bool] = False
     """Whether it asks for loads."""
     SIZES: ClassVar[tuple[str, ...]] = ()
     """Settings that all vanish where the fault is absent; the first of SETTINGS where empty."""
+    ROTARY: ClassVar[bool] = False
+    """Whether it makes sense on rotary drives only."""
 
     def __init__(self, robot: Robot, **values: Any):
+        if self.ROTARY and robot.mechanism.actuator_dimension != "angle":
+            raise InputError(
+                f"fault '{self.name}' is one of rotary drives, and those of a {robot.kind} move along a length",
+                remedy="leave this fault out for this robot",
+            )
         self.robot = robot
         self.values = values
         self.springs: list[str] = []
         """Joints with a stiffness that `build` has added."""
         self.held: list[str] = []
         """Joints that `build` has added and `prepare` or `settle` puts somewhere."""
-        for name, value in values.items():
-            setattr(self, name, value)
+
+    @classmethod
+    def settings(cls, robot: Robot) -> tuple[Setting, ...]:
+        """SETTINGS with the dimensions that this robot's drives give them."""
+        kind = robot.mechanism.actuator_dimension
+        return tuple(
+            replace(s, dimension=DRIVE_DIMENSIONS[s.dimension][kind]) if s.dimension in DRIVE_DIMENSIONS else s
+            for s in cls.SETTINGS
+        )
 
     @property
     def name(self) -> str:
@@ -66,7 +92,7 @@ class Fault:
 
     def to_table(self) -> dict[str, Any]:
         """The TOML table that gives this fault again."""
-        return settings.write(self.values, self.SETTINGS)
+        return settings.write(self.values, self.settings(self.robot))
 
     @property
     def absent(self) -> bool:
@@ -94,6 +120,10 @@ class Fault:
     def mount(self, tcp: np.ndarray, row: Row) -> np.ndarray:
         """The TCP (3,) [m] in the frame of the tool's mount."""
         return tcp
+
+    def seen(self, position: np.ndarray, R: np.ndarray, commands: Commands) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (N, 3) [m] and rotations (N, 3, 3) as the instrument sees them, in its own frame."""
+        return position, R
 
     # -- for subclasses ------------------------------------------------------------------------------------------
 
@@ -130,6 +160,7 @@ class Fault:
 
     def _enlist(self, joint: mujoco.MjsJoint, stiffness: float) -> None:
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        joint.armature = 1e-4  # joints in series would have no inertia of their own; at rest it makes no difference
         if stiffness:
             joint.stiffness[0] = stiffness
             self.springs.append(joint.name)
@@ -139,7 +170,7 @@ class Fault:
 
 def names() -> list[str]:
     """The faults that exist, by file name."""
-    return sorted(m.name for m in pkgutil.iter_modules(__path__))
+    return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
 
 
 def get(name: str) -> type[Fault]:
@@ -158,6 +189,22 @@ def counts(robot: Robot) -> dict[str, int]:
     return {"actuator": len(robot.mechanism.actuators), "rod": len(robot.mechanism.rods), "axis": 3}
 
 
+def typical(robot: Robot, name: str, scale: float = 1.0) -> Fault:
+    """A fault of usual size, or of a multiple of it; what is no size keeps its usual value.
+
+    Raises:
+        InputError: no such fault, or none that this kind of robot can have.
+    """
+    fault, values = get(name), {}
+    sizes = fault.SIZES or (fault.SETTINGS[0].name,)
+    for setting in fault.SETTINGS:
+        value = setting.default if setting.typical is None else setting.typical
+        if setting.name in sizes:
+            value = np.multiply(value, scale)
+        values[setting.name] = settings.spread(setting, value, counts(robot))
+    return fault(robot, **values)
+
+
 def make(robot: Robot, name: str, table: Mapping[str, Any]) -> Fault:
     """A fault from its TOML table.
 
@@ -165,4 +212,4 @@ def make(robot: Robot, name: str, table: Mapping[str, Any]) -> Fault:
         InputError: no such fault, or settings that it does not take.
     """
     fault = get(name)
-    return fault(robot, **settings.read(table, fault.SETTINGS, f"faults.{name}", counts(robot)))
+    return fault(robot, **settings.read(table, fault.settings(robot), f"faults.{name}", counts(robot)))

@@ -13,8 +13,9 @@ R = rotation.exp(0.3 * RNG.standard_normal((N, 3)))
 ROWS = np.arange(N)
 
 
-def read(time=None, rows=ROWS, seed=1, **settings):
-    return Instrument(**settings).read(TCP[rows], R[rows], time, seed, rows)
+def read(rows=ROWS, seed=1, **settings):
+    instrument = Instrument(**settings)
+    return instrument.read(*instrument.frame(TCP[rows], R[rows]), seed, rows)
 
 
 def test_without_noise_the_truth():
@@ -60,13 +61,6 @@ def test_tracker_noise_grows_with_distance():
     assert np.allclose(reading.sigma_pos, np.hypot(1e-5, 6e-6 * distance))
     noise = (reading.position - (TCP - place)) / reading.sigma_pos[:, None]
     assert abs(noise.std() - 1) < 0.03
-
-
-def test_scale_and_drift():
-    time = np.linspace(0, 7200, N)
-    reading = read(time=time, scale=1e-5, drift=np.array([1e-8, 0, 0]), drift_rot=np.array([0, 0, 2e-8]))
-    turned = rotation.exp(-time[:, None] * [0, 0, 2e-8]) @ (TCP - time[:, None] * [1e-8, 0, 0])[:, :, None]
-    assert np.allclose(reading.position, turned[:, :, 0] * (1 + 1e-5), atol=1e-15)
 
 
 def test_kinds_see_what_they_can():

@@ -42,7 +42,7 @@ def test_drawn_errors_have_the_sigma_of_their_kind_and_add_to_listed_ones():
 def test_a_sealed_truth_is_the_same_robot_to_the_last_bit():
     truth = parse(
         "[geometry]\nsigma_length_mm = 0.1\nsigma_angle_deg = 0.05\nseed = 9\n"
-        '[instrument]\nkind = "position"\nsigma_pos_um = 17\nscale_ppm = 12.3\ndrift_um_h = [1, 2, 3]\n'
+        '[instrument]\nkind = "position"\nsigma_pos_um = 17\nsigma_distance_ppm = 6.3\nposition_mm = [1.1, 2, 3]\n'
         'frame = "tracker"\n'
     )
     again = truths.parse(truths.dumps(truth, {"plan": "random", "seed": 1}), "elsewhere/data.truth.toml")
@@ -69,7 +69,7 @@ def test_a_sealed_truth_is_the_same_robot_to_the_last_bit():
         ("[geometry.errors]\nl11_mm = 1\nl11_um = 2\n", "given twice"),
         ("[instrument]\nsigma_pos_mm = true\n", "must be a number"),
         ('[instrument]\nkind = "laser"\n', 'one of "pose", "position", "probe"'),
-        ("[instrument]\ndrift_um_h = [1, 2]\n", "a list of 3 numbers"),
+        ("[instrument]\nposition_mm = [1, 2]\n", "a list of 3 numbers"),
         ("[instrument]\nsigma_pos_mm = 1\nsigma_pos_um = 1\n", "given twice"),
         ("[faults.gremlins]\nsize = 1\n", "unknown fault 'gremlins'"),
         ("faults = 3\n", "'faults' must be a section"),

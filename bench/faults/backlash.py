@@ -1,0 +1,47 @@
+"""Play in the drives: the arm lies against one flank of its gears or the other."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from bench.commands import Row
+from bench.faults import Fault
+from bench.rig import Rig
+from bench.settings import Setting
+
+
+class Backlash(Fault):
+    """A dead band of width b on each motor axis; the arm stands at one of its ends.
+
+    side = "direction": friction keeps the arm behind the last motion, at −b/2·dir; where a row has no direction, and
+    with side = "load", the load MuJoCo finds on the joint pushes it to its end. Typical b: 1–3 arcmin.
+    """
+
+    SETTINGS = (
+        Setting("gap", "drive", low=0.0, high=0.05, typical=6e-4, per="actuator", about="b, the whole gap"),
+        Setting("side", "word", "direction", words=("direction", "load"), about="what decides the side"),
+    )
+    loaded = True
+
+    def build(self, spec: mujoco.MjSpec) -> None:
+        for name in self.robot.mechanism.actuators:
+            self.beside(spec, name, "gap")
+
+    def _end(self, i: int, row: Row) -> float:
+        """−1, +1, or 0 where the load decides."""
+        return -row.direction(i) if self.values["side"] == "direction" else 0.0
+
+    def prepare(self, rig: Rig, row: Row) -> None:
+        for i, joint in enumerate(self.held):
+            rig.hold(joint, self._end(i, row) * self.values["gap"][i] / 2)
+
+    def settle(self, rig: Rig, row: Row) -> bool:
+        moved = False
+        for i, joint in enumerate(self.held):
+            if not self._end(i, row):
+                moved |= rig.hold(joint, np.sign(rig.load(joint)) * self.values["gap"][i] / 2)
+        return moved
+
+
+FAULT = Backlash

@@ -1,0 +1,36 @@
+"""Encoder discs that sit off the centre of their shafts: an error once per turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.commands import Row
+from bench.faults import Fault
+from bench.faults._encoder import invert
+from bench.settings import Setting
+
+
+class EncoderEccentricity(Fault):
+    """The disc's centre is ε·r away from the shaft's, r its radius; the head sees the line that passes it.
+
+    From the head the centre stands at angle atan2(−ε·sin(s + φ), 1 − ε·cos(s + φ)) when the shaft stands at s, so the
+    encoder reads s + atan2(ε·sin(s + φ), 1 − ε·cos(s + φ)), and the controller turns the shaft until that is the
+    command. 10 µm on a disc of 50 mm diameter: ε = 400 µrad.
+    """
+
+    SETTINGS = (
+        Setting("amplitude", "angle", low=0.0, high=0.1, typical=4e-4, per="actuator", about="ε, the largest error"),
+        Setting("phase", "angle", 0.0, typical=0.7, per="actuator", about="φ, where the centre stands at zero"),
+    )
+    ROTARY = True
+
+    def reading(self, shaft: np.ndarray) -> np.ndarray:
+        """What the encoders read when the shafts stand at `shaft` (nq,) [rad]."""
+        turn, e = shaft + self.values["phase"], self.values["amplitude"]
+        return shaft + np.arctan2(e * np.sin(turn), 1 - e * np.cos(turn))
+
+    def shaft(self, theta: np.ndarray, row: Row) -> np.ndarray:
+        return invert(self.reading, theta)
+
+
+FAULT = EncoderEccentricity

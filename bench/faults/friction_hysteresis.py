@@ -1,0 +1,46 @@
+"""Friction that grows with the load and winds the drive up: the arm stops short, on the side it came from."""
+
+from __future__ import annotations
+
+import mujoco
+
+from bench.commands import Row
+from bench.faults import Fault
+from bench.rig import Rig
+from bench.settings import Setting
+
+STILL = 1e-14
+"""[rad or m] change of a wind-up that is none."""
+
+
+class FrictionHysteresis(Fault):
+    """A spring–slider on each motor axis: the slider yields at μ·|τ|, the spring k winds up to c·|τ|, c = μ/k.
+
+    A motion longer than the wind-up ends with the slider at its yield point, so the arm stands at −c·|τ|·dir behind
+    its motor; |τ| is the load that MuJoCo finds on the joint, and moves with it. Typical c: 10 µrad/(N·m).
+    """
+
+    SETTINGS = (
+        Setting(
+            "per_load", "drive_compliance", low=0.0, high=1e-3,
+            typical=1e-5, per="actuator", about="c of each drive",
+        ),
+    )
+    loaded = True
+
+    @property
+    def NEEDS(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple(f"dir{i + 1}" for i in range(len(self.robot.mechanism.actuators)))
+
+    def build(self, spec: mujoco.MjSpec) -> None:
+        for name in self.robot.mechanism.actuators:
+            self.beside(spec, name, "windup")
+
+    def settle(self, rig: Rig, row: Row) -> bool:
+        winds = [
+            -row.direction(i) * self.values["per_load"][i] * abs(rig.load(joint)) for i, joint in enumerate(self.held)
+        ]
+        return any([rig.hold(joint, wind, STILL) for joint, wind in zip(self.held, winds, strict=True)])
+
+
+FAULT = FrictionHysteresis

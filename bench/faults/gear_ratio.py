@@ -1,0 +1,21 @@
+"""A gear, belt or screw that moves a little more, or less, than the controller believes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.commands import Row
+from bench.faults import Fault
+from bench.settings import Setting
+
+
+class GearRatio(Fault):
+    """The shaft goes to (1 + g)·q. From 0.1 % on a wrong unit is more likely than a wrong gear."""
+
+    SETTINGS = (Setting("error", "ratio", low=-0.1, high=0.1, typical=2e-4, per="actuator", about="g of each drive"),)
+
+    def shaft(self, theta: np.ndarray, row: Row) -> np.ndarray:
+        return theta * (1 + self.values["error"])
+
+
+FAULT = GearRatio

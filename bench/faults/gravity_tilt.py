@@ -1,0 +1,26 @@
+"""A robot that hangs crooked: gravity does not point along the base's −z."""
+
+from __future__ import annotations
+
+from bench.commands import Row
+from bench.faults import Fault
+from bench.rig import Rig
+from bench.settings import Setting
+from pcalib import rotation
+
+
+class GravityTilt(Fault):
+    """Gravity turns by the rotation vector (x, y, 0). A rigid robot does not feel it; typical 1–10 mrad."""
+
+    SETTINGS = (
+        Setting("x", "angle", 0.0, -0.5, 0.5, typical=5e-3, about="about the base's x axis"),
+        Setting("y", "angle", 0.0, -0.5, 0.5, typical=-3e-3, about="about the base's y axis"),
+    )
+    SIZES = ("x", "y")
+    loaded = True
+
+    def prepare(self, rig: Rig, row: Row) -> None:
+        rig.model.opt.gravity = rotation.exp([self.values["x"], self.values["y"], 0.0]) @ rig.model.opt.gravity
+
+
+FAULT = GravityTilt

@@ -1,0 +1,35 @@
+"""Play in the spherical joints: a rod is longer when it pulls than when it pushes."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from bench.commands import Row
+from bench.faults import Fault
+from bench.rig import Rig
+from bench.settings import Setting
+
+
+class JointClearance(Fault):
+    """A slide along every rod with a dead band of width c, both of its joints together.
+
+    Under tension the balls lie against the far sides of their sockets, δl = +c/2, under compression −c/2; the sign is
+    that of the force MuJoCo finds in the slide. Typical c: 4–12 µm.
+    """
+
+    SETTINGS = (
+        Setting("gap", "length", low=0.0, high=1e-3, typical=10e-6, per="rod", about="c, the whole gap of both joints"),
+    )
+    loaded = True
+
+    def build(self, spec: mujoco.MjSpec) -> None:
+        for rod in self.robot.mechanism.rods:
+            self.joint(self.body(spec, f"tip{rod}"), f"rod{rod}.gap", "slide", (0, 0, -1))
+
+    def settle(self, rig: Rig, row: Row) -> bool:
+        ends = [np.sign(rig.load(joint)) * gap / 2 for joint, gap in zip(self.held, self.values["gap"], strict=True)]
+        return any([rig.hold(joint, end) for joint, end in zip(self.held, ends, strict=True)])
+
+
+FAULT = JointClearance

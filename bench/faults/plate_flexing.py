@@ -1,0 +1,31 @@
+"""A plate whose ears bend out of its plane under the pull of the rods."""
+
+from __future__ import annotations
+
+import mujoco
+
+from bench.faults import Fault
+from bench.settings import Setting
+
+
+class PlateFlexing(Fault):
+    """Each plate-side anchor sits on a spring slide along the plate's normal. Typical: 0.02–0.2 µm/N."""
+
+    SETTINGS = (
+        Setting("compliance", "compliance", low=0.0, high=1e-4, typical=1e-7, per="rod", about="1/k of each ear"),
+    )
+
+    def build(self, spec: mujoco.MjSpec) -> None:
+        for rod, compliance in zip(self.robot.mechanism.rods, self.values["compliance"], strict=True):
+            if not compliance:
+                continue
+            site = spec.site(f"b{rod}")
+            # The ear hangs in the plate's origin, so that the site keeps its coordinates.
+            ear = site.parent.add_body(name=f"ear{rod}")
+            ear.explicitinertial, ear.mass, ear.inertia = True, 1e-9, [1e-9] * 3
+            spec.delete(site)
+            ear.add_site(name=f"b{rod}")
+            self.joint(ear, f"ear{rod}.z", "slide", (0, 0, 1), 1.0 / compliance)
+
+
+FAULT = PlateFlexing

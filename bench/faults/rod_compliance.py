@@ -1,0 +1,28 @@
+"""Rods that stretch and shorten under their force."""
+
+from __future__ import annotations
+
+import mujoco
+
+from bench.faults import Fault
+from bench.settings import Setting
+
+
+class RodCompliance(Fault):
+    """A spring slide at the end of every rod, along the rod: δl = T/k.
+
+    The spring lies between two halves of the rod's mass, so that it bears the mean tension of a rod that hangs by its
+    own weight. Carbon rods have 10–50 N/µm (0.02–0.1 µm/N).
+    """
+
+    SETTINGS = (
+        Setting("compliance", "compliance", low=0.0, high=1e-4, typical=5e-8, per="rod", about="1/k of each rod"),
+    )
+
+    def build(self, spec: mujoco.MjSpec) -> None:
+        for rod, compliance in zip(self.robot.mechanism.rods, self.values["compliance"], strict=True):
+            if compliance:
+                self.joint(self.body(spec, f"tip{rod}"), f"rod{rod}.stretch", "slide", (0, 0, -1), 1.0 / compliance)
+
+
+FAULT = RodCompliance

@@ -1,0 +1,16 @@
+"""The base grows with temperature."""
+
+from __future__ import annotations
+
+from bench.faults._growth import Growth, expansion
+
+
+class ThermalBase(Growth):
+    """The base grows from its centre by α·(T − 20 °C), and takes the motors along. Steel 12, aluminium 23.6 ppm/K."""
+
+    LETTER, PART = "p", "base"
+    NEEDS = ("temp_base",)
+    SETTINGS = expansion(1.2e-05)
+
+
+FAULT = ThermalBase

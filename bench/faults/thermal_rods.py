@@ -1,0 +1,16 @@
+"""Rods that grow with temperature."""
+
+from __future__ import annotations
+
+from bench.faults._growth import Growth, expansion
+
+
+class ThermalRods(Growth):
+    """Every rod grows along itself by α·(T − 20 °C). Carbon 0–2 ppm/K, steel 12."""
+
+    LETTER, PART = "l", "rods"
+    NEEDS = ("temp_rods",)
+    SETTINGS = expansion(2e-06)
+
+
+FAULT = ThermalRods

@@ -1,0 +1,40 @@
+"""A tool that bends under its payload."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from bench.commands import Row
+from bench.faults import Fault
+from bench.rig import Rig
+from bench.settings import Setting
+
+REFERENCE = 0.1
+"""[m] length of the tool that the compliance is stated for."""
+
+
+class ToolBending(Fault):
+    """Spring hinges at the foot of the tool, as stiff as a cantilever of that length: c·(h/100 mm)³ at its tip.
+
+    c is the tip compliance h³/3EI of a tool of 100 mm; h = |t|. The instrument sees the plate's rotation, not the
+    tool's. A tool that hangs plumb does not bend. Typical c: 0.5–5 µm/N.
+    """
+
+    SETTINGS = (Setting("compliance", "compliance", low=0.0, high=1e-3, typical=2e-6, about="c, of a tool of 100 mm"),)
+
+    def build(self, spec: mujoco.MjSpec) -> None:
+        tool = self.body(spec, "tool")
+        tool.explicitinertial, tool.mass, tool.inertia = True, 1e-9, [1e-9] * 3
+        for name, axis in (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1))):
+            self.joint(tool, f"tool.{name}", "hinge", axis, 1.0)
+
+    def prepare(self, rig: Rig, row: Row) -> None:
+        length = max(float(np.linalg.norm(row.tool)), 1e-3)
+        # A force F on the tip turns the foot by F·h/κ, and so moves the tip by F·h²/κ.
+        stiffness = length**2 / (self.values["compliance"] * (length / REFERENCE) ** 3)
+        for name in self.springs:
+            rig.model.jnt_stiffness[rig.model.joint(name).id] = stiffness
+
+
+FAULT = ToolBending

@@ -1,0 +1,21 @@
+"""An instrument whose metre is not one: wrong wavelength, wrong air, wrong target."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.commands import Commands
+from bench.faults import Fault
+from bench.settings import Setting
+
+
+class TrackerScale(Fault):
+    """All positions, from the instrument's own origin, are multiplied by 1 + s. Typical s: 10 ppm."""
+
+    SETTINGS = (Setting("scale", "ratio", low=-0.1, high=0.1, typical=1e-5, about="s"),)
+
+    def seen(self, position: np.ndarray, R: np.ndarray, commands: Commands) -> tuple[np.ndarray, np.ndarray]:
+        return position * (1 + self.values["scale"]), R
+
+
+FAULT = TrackerScale
