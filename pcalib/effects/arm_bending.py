@@ -15,10 +15,10 @@ from pcalib.mechanism import Mechanism
 class ArmBending(PlacedEffect):
     """Each arm is a cantilever from its motor axis; c = a³/3EI [m/N] is how far a force on the elbow moves the elbow.
 
-    With tip force F, tip moment M and the arm's weight W at distance s from the axis, in either plane:
+    With tip force F, tip moment M and the arm's weight W spread evenly from the axis to L = 2·arm_com, in either plane:
 
-        δ = c·(F + 1.5·M/a + W·s²(3a − s)/2a³)          elbow displacement [m]
-        φ = c·(1.5·F/a + 3·M/a² + 1.5·W·s²/a³)          elbow rotation [rad]
+        δ = c·(F + 1.5·M/a + W·L²·(4a − L)/8a³)         elbow displacement [m]
+        φ = c·(1.5·F/a + 3·M/a² + W·L²/2a³)             elbow rotation [rad]
 
     (Euler–Bernoulli.) *vertical* bends in the arm's plane, *lateral* along the motor axis. Anchors beside the arm's
     axis move by δ + φ × offset, so lateral bending skews the parallelogram. The vertical part is all but a drive
@@ -56,14 +56,15 @@ class ArmBending(PlacedEffect):
         beside = offset - along[:, mechanism.actuator]  # anchors about the tip of the arm's axis
         force = at.elbow_force
         F, M = on_arms(force), on_arms(rotation.cross(beside, force))
-        a, s = length[..., 0], at.robot.mass.get("arm_com", 0.0)
+        a = length[..., 0]
+        L = np.minimum(2 * at.robot.mass.get("arm_com", 0.0), a)
         W = at.robot.mass.get("arm", 0.0) * at.g
         out = []
         # Turning about `axis` by φ > 0 moves the tip along `way`: up for the motor axis, −u for the arm's own normal.
         for axis, way in ((np.broadcast_to(u, e.shape), up), (up, -np.broadcast_to(u, e.shape))):
             f, m, w = np.sum(F * way, -1), np.sum(M * axis, -1), way @ W
-            tip = f + 1.5 * m / a + w * s**2 * (3 * a - s) / (2 * a**3)
-            turn = 1.5 * f / a + 3 * m / a**2 + 1.5 * w * s**2 / a**3
+            tip = f + 1.5 * m / a + w * L**2 * (4 * a - L) / (8 * a**3)
+            turn = 1.5 * f / a + 3 * m / a**2 + w * L**2 / (2 * a**3)
             moved = (tip[..., None] * way)[:, mechanism.actuator]
             out.append(moved + rotation.cross((turn[..., None] * axis)[:, mechanism.actuator], beside))
         return np.stack(out)

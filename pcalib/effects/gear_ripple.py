@@ -11,7 +11,7 @@ from pcalib.effects.base import EffectParameter, Situation
 from pcalib.effects.library import PlacedEffect, amplitude, harmonics, unsuited_without_angles
 from pcalib.mechanism import Mechanism
 
-SCANNED = tuple(range(3, 121))
+SCANNED = tuple(range(8, 121))
 """Cycles per turn that are tried where the robot file names none."""
 
 

@@ -195,11 +195,11 @@ def test_drive_and_rod_compliance_by_hand():
 
 
 def test_arm_bending_vertical_at_the_horizontal_arm():
-    """q = 0: all is along z; two equal elbow loads F/2 and the arm's weight half-way: δ_z = c·(F + 0.3125·W)."""
+    """q = 0: all is along z; two equal elbow loads F/2 and the arm's even weight: δ_z = c·(F + 3/8·W)."""
     at = loaded(1.0, q=0.0)
     got = of("arm_bending", [1e-6, 0.0], at).elbow[0]
     F = at.elbow_force[0, :2, 2].sum()
-    np.testing.assert_allclose(got[:2, 2], 1e-6 * (F - 9.81 * 0.3125), rtol=1e-9)
+    np.testing.assert_allclose(got[:2, 2], 1e-6 * (F - 9.81 * 0.375), rtol=1e-9)
     assert np.abs(got[:, :2]).max() < 1e-15 and F < 0
 
 

@@ -1,0 +1,131 @@
+"""Adequacy sets: every smallest combination of effects after which nothing else improves the fit.
+
+Stepwise selection takes one of an aliased pair and stops; an adequacy set is kept wherever the data do not speak
+against it, so that rivals that these poses cannot tell apart stand side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from pcalib.diagnosis.screen import Screen, outside
+
+ALPHA = 0.05
+"""Share of false alarms that is allowed for, over everything that was looked at."""
+
+
+@dataclass(frozen=True)
+class Test:
+    """What still improves on a set of effects."""
+
+    chosen: tuple[int, ...]
+    p: np.ndarray
+    """(G,) of every group given the chosen ones; 1 where it has nothing of its own."""
+    smallest: float
+    """Smallest p, what lies outside every group included."""
+    hottest: int
+    """Group of the smallest p; −1: outside every group."""
+
+
+def p_values(screen: Screen, chosen: Sequence[int] = ()) -> Test:
+    """Single p values of all groups, the chosen ones allowed for."""
+    blocks = screen.allowing(chosen)
+    d = np.array([b.shape[1] for b in blocks])
+    T = np.array([float(np.sum((screen.y @ b) ** 2)) for b in blocks])
+    p = np.where(d > 0, screen.p_value(T, np.maximum(d, 1)), 1.0)
+    p = -np.expm1(screen.trials * np.log1p(-np.minimum(p, 1 - 1e-15)))  # of the best of several tried
+    hottest = int(np.argmin(p)) if len(p) else -1
+    smallest = float(p[hottest]) if len(p) else 1.0
+    if screen.left is not None and (rest := float(screen.p_value(*screen.left))) < smallest:
+        smallest, hottest = rest, -1
+    return Test(tuple(chosen), p, smallest, hottest)
+
+
+def null_distribution(screen: Screen, chosen: Sequence[int] = ()) -> np.ndarray:
+    """Smallest p of each noise draw with the chosen groups allowed for, (n,) ascending."""
+    allowed = screen.allowing(chosen)
+    blocks = [b for b, trials in zip(allowed, screen.trials, strict=True) if b.shape[1] and trials == 1]
+    smallest = np.ones(len(screen.draws))
+    if blocks:
+        square = (screen.draws @ np.hstack(blocks).astype(np.float32)) ** 2
+        d = np.array([b.shape[1] for b in blocks])
+        T = np.add.reduceat(square, np.r_[0, np.cumsum(d)[:-1]], axis=1)
+        smallest = screen.p_of_draws(T, d).min(axis=1)
+    searched = sum(b.shape[1] > 0 and trials > 1 for b, trials in zip(allowed, screen.trials, strict=True))
+    if searched:
+        # The best of many has, once corrected, a uniform p of its own; draws need not repeat the search.
+        uniform = np.random.default_rng(searched).random((len(smallest), searched))
+        smallest = np.minimum(smallest, uniform.min(axis=1))
+    if screen.left is not None:
+        smallest = np.minimum(smallest, screen.p_value(screen.left_draws, screen.left[1]))
+    return np.sort(smallest)
+
+
+def corrected(p: np.ndarray | float, null: np.ndarray) -> np.ndarray:
+    """p values (…) corrected for all that was looked at, by the distribution of the smallest one."""
+    return (1.0 + np.searchsorted(null, p, side="right")) / (len(null) + 1.0)
+
+
+def is_adequate(screen: Screen, chosen: Sequence[int], alpha: float = ALPHA) -> bool:
+    """Whether nothing improves significantly on the chosen groups.
+
+    The Monte-Carlo critical value lies between alpha over the number of tests (Bonferroni) and alpha; it is
+    computed only where that does not decide.
+    """
+    tests = int(np.sum(screen.visible > 0)) + 1
+    sure = 0.1 * alpha / tests
+    if _rejected_early(screen, chosen, sure):
+        return False
+    smallest = p_values(screen, chosen).smallest
+    if smallest > alpha:
+        return True
+    if smallest < sure:
+        return False
+    return smallest > np.quantile(null_distribution(screen, chosen), alpha)
+
+
+def _rejected_early(screen: Screen, chosen: Sequence[int], sure: float) -> bool:
+    """Whether some group alone already speaks against the chosen ones; the hottest at the start are asked first."""
+    Q = screen.joint(chosen) if chosen else np.zeros((len(screen.y), 0))
+    rest = screen.y - Q @ (Q.T @ screen.y)
+    # What is left within a group bounds what it can still gain from below only; but it orders the questions well.
+    gain = np.array([float(np.sum((rest @ block) ** 2)) - block.shape[1] for block in screen.blocks])
+    for g in np.argsort(-gain)[:12]:
+        block = outside(screen.blocks[g], Q)
+        T = float(np.sum((screen.y @ block) ** 2))
+        if block.shape[1] and screen.trials[g] * screen.p_value(T, block.shape[1]) < sure:
+            return True
+    return False
+
+
+def adequate_sets(
+    screen: Screen,
+    candidates: Sequence[int],
+    largest: int = 2,
+    alpha: float = ALPHA,
+    feasible: Callable[[tuple[int, ...]], bool] = lambda chosen: True,
+    compatible: Callable[[tuple[int, ...]], bool] = lambda chosen: True,
+) -> list[tuple[int, ...]]:
+    """All adequate sets of the smallest size at which there is one; [()] where nothing is missing, [] where none fits.
+
+    Args:
+        candidates: groups that may explain.
+        feasible: whether the fitted parameters of a set are physically possible.
+        compatible: whether a set makes sense at all (two variants of one effect do not).
+    """
+    if is_adequate(screen, (), alpha):
+        return [()]
+    usable = [g for g in candidates if screen.visible[g] > 0]
+    for size in range(1, largest + 1):
+        found = [
+            chosen
+            for chosen in combinations(usable, size)
+            if compatible(chosen) and is_adequate(screen, chosen, alpha) and feasible(chosen)
+        ]
+        if found:
+            return found
+    return []

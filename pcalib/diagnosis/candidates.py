@@ -1,0 +1,124 @@
+"""What may be missing: effects of the library and of the user's own in all their variants, and geometry levels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import effects, prediction
+from pcalib.diagnosis.channels import Point
+from pcalib.effects.base import Effect
+from pcalib.effects.gear_ripple import GearRipple
+from pcalib.model import Model
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One hypothesis: an effect in one variant, or a geometry level."""
+
+    name: str
+    """The effect's or level's name: variants of an effect share it."""
+    spec: str
+    """How a command line names this variant."""
+    effect: Effect | None
+    """None for a geometry level."""
+    columns: np.ndarray
+    """(N, 6, p) derivative of the readings [m, rad] by each parameter."""
+    scale: np.ndarray
+    """(p,) [SI] usual size of each parameter."""
+    low: np.ndarray
+    high: np.ndarray
+    """(p,) [SI] physical range."""
+    trials: int = 1
+    """How many of its kind were tried to find this one."""
+
+
+@dataclass(frozen=True)
+class Unavailable:
+    """An effect that these data or this robot cannot speak about, and why."""
+
+    name: str
+    why: str
+
+
+def candidates(
+    point: Point, own: Sequence[Effect] = (), scan: Callable[[], list[tuple[GearRipple, int]]] | None = None
+) -> tuple[list[Candidate], list[Unavailable]]:
+    """All hypotheses on these poses beyond what the model already has.
+
+    Args:
+        own: the user's own effects.
+        scan: finds the gear ripples to consider, with the number tried, where the robot file names no cycles.
+    """
+    model, at = point.model, point.situation
+    robot = model.robot
+    present = {fitted.effect.name: fitted.effect for fitted in model.effects}
+    found: list[Candidate] = []
+    unavailable: list[Unavailable] = []
+    for name in effects.names():
+        kind = effects.get(name)
+        if why := kind.unsuited(robot.mechanism):
+            unavailable.append(Unavailable(name, why))
+            continue
+        if lacking := effects.missing(kind if not kind.needs else effects.get(name, None, robot), at.columns):
+            unavailable.append(Unavailable(name, f"the data have no {' '.join(lacking)}"))
+            continue
+        if name == "gravity_tilt" and not present.keys() - {name}:
+            unavailable.append(Unavailable(name, "it is seen only through a compliance that is in the model already"))
+            continue
+        if name == "gear_ripple" and scan is not None and not robot.drive.get("ripple_per_turn"):
+            if name not in present:
+                found += [replace(_candidate(effect, point), trials=trials) for effect, trials in scan()]
+            continue
+        for per in kind.variants:
+            effect = effects.get(name, per, robot)
+            if name in present and len(present[name].parameters) >= len(effect.parameters):
+                continue
+            found.append(_candidate(effect, point))
+    for effect in own:
+        if effect.name in present:
+            continue
+        if lacking := effects.missing(effect, at.columns):
+            unavailable.append(Unavailable(effect.name, f"the data have no {' '.join(lacking)}"))
+            continue
+        found.append(_candidate(effect, point))
+    return [c for c in found if c.columns.any()], unavailable + [
+        Unavailable(c.name, "under these conditions it moves nothing") for c in found if not c.columns.any()
+    ]
+
+
+def _candidate(effect: Effect, point: Point) -> Candidate:
+    parameters = effect.parameters
+    partners = tuple((fitted.effect, fitted.theta) for fitted in point.model.effects)
+    at = replace(point.situation, partners=partners)
+    columns = point.columns(effects.basis(effect, at))
+    return Candidate(
+        name=effect.name,
+        spec=getattr(effect, "spec", effect.name),
+        effect=effect,
+        columns=columns,
+        scale=np.array([p.prior for p in parameters]),
+        low=np.array([p.low for p in parameters]),
+        high=np.array([p.high for p in parameters]),
+    )
+
+
+def richer_levels(model: Model) -> list[str]:
+    """Named levels that let vary more than the model's own does: what geometry may be missing, simplest first."""
+    levels = model.robot.mechanism.levels
+    mine = levels[model.level].basis
+    out = []
+    for name, level in levels.items():
+        both = np.hstack([mine, level.basis])
+        rank = np.linalg.matrix_rank
+        if level.basis.shape[1] and rank(both) == rank(level.basis) > (rank(mine) if mine.shape[1] else 0):
+            out.append(name)
+    return sorted(out, key=lambda name: levels[name].basis.shape[1])
+
+
+def level_columns(point: Point, level: str) -> np.ndarray:
+    """Derivative of the readings by a level's coordinates, (N, 6, nz)."""
+    basis = point.model.robot.mechanism.levels[level].basis
+    return prediction.geometry_columns(point.model, point.prediction, point.closure, point.JX, basis)

@@ -1,0 +1,315 @@
+"""The whole diagnosis of a model on data: from residuals to a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import identification
+from pcalib.diagnosis import adequacy, limits
+from pcalib.diagnosis.adequacy import ALPHA, Test
+from pcalib.diagnosis.candidates import Candidate, Unavailable
+from pcalib.diagnosis.misfit import Misfit, misfit
+from pcalib.diagnosis.noise import NoiseLevel
+from pcalib.diagnosis.problem import Problem, problem
+from pcalib.diagnosis.screen import Screen
+from pcalib.diagnosis.verdict import Explanation, decide, refuted
+from pcalib.effects.base import Effect
+from pcalib.errors import FitError, InputError
+from pcalib.measurement import Measurements
+from pcalib.model import FittedEffect, Model
+
+N_DRAWS = 4096
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the data say about one candidate on its own."""
+
+    candidate: Candidate
+    kappa: float
+    """Visible share of its signal after the geometry is projected out."""
+    s: float
+    """Norm of what is visible at the fitted size, noise units."""
+    p: float
+    """Corrected for everything that was looked at."""
+    theta: np.ndarray
+    sigma: np.ndarray
+    """(np,) [SI] fitted on its own, and 1σ."""
+    adequate: bool
+    """It stands in a smallest adequate set."""
+    smallest_seen: np.ndarray
+    """(np,) [SI] size that would have been found with 90 % power."""
+    note: str = ""
+    """Why it cannot be what is missing, where that is clear."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of the heat map."""
+
+    channel: str
+    variable: str
+    p: float
+    """Corrected."""
+    s: float
+    """Norm of what this cell could take up, noise units."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What is missing from a model, as far as the data can tell."""
+
+    verdict: str
+    established: tuple[str, ...]
+    sets: tuple[Explanation, ...]
+    """The smallest adequate sets, by BIC; one empty set where nothing is missing."""
+    refuted: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    """Every candidate, hottest first."""
+    cells: tuple[Cell, ...]
+    """Hottest first."""
+    unavailable: tuple[Unavailable, ...]
+    noise: NoiseLevel
+    misfit: Misfit
+    problem: Problem
+    critical: float
+    """Single p below which something counts as found, all that was looked at considered."""
+
+
+@dataclass(frozen=True)
+class _World:
+    """A model at one geometry level, ready to be tested."""
+
+    prefix: tuple[str, ...]
+    problem: Problem
+    screen: Screen
+
+
+def diagnose(
+    model: Model,
+    data: Measurements,
+    own: Sequence[Effect] = (),
+    largest: int = 2,
+    alpha: float = ALPHA,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+) -> Diagnosis:
+    """Which effect is missing from a model.
+
+    Args:
+        own: the user's own effects, beside those of the library.
+        largest: most effects in one explanation.
+        alpha: false alarms allowed for, over everything that is looked at.
+        n_draws: Monte-Carlo draws of pure noise.
+
+    Raises:
+        InputError: too few readings to say anything.
+    """
+    made = problem(model, data, own)
+    if len(made.y) <= made.nuisance.shape[1] // 2:
+        raise InputError(
+            f"{len(made.data)} poses leave nothing to judge a model of level {model.level} by",
+            file=data.source,
+            remedy="measure more poses; three times as many as the fit needs is usual",
+        )
+    screen = made.screen(n_draws, seed)
+    start = adequacy.p_values(screen)
+    null = adequacy.null_distribution(screen)
+    sets = _explanations(made, screen, data, own, largest, alpha, n_draws, seed)
+    critical = float(np.quantile(null, alpha))
+    verdict, established = decide(sets)
+    findings = _findings(made, screen, start, null, sets, critical)
+    tested = [f.candidate.name for f in findings if not f.note and f.candidate.effect is not None]
+    return Diagnosis(
+        verdict=verdict,
+        established=established,
+        sets=tuple(sets),
+        refuted=refuted(tested, sets),
+        findings=findings,
+        cells=_cells(made, screen, start, null),
+        unavailable=made.unavailable,
+        noise=made.noise,
+        misfit=misfit(made),
+        problem=made,
+        critical=critical,
+    )
+
+
+def _explanations(
+    made: Problem,
+    screen: Screen,
+    data: Measurements,
+    own: Sequence[Effect],
+    largest: int,
+    alpha: float,
+    n_draws: int,
+    seed: int,
+) -> list[Explanation]:
+    """The smallest adequate sets over all geometry levels, one per combination of names, best first."""
+    worlds = [_World((), made, screen)]
+    for size in range(largest + 1):
+        found: dict[tuple[str, ...], Explanation] = {}
+        for world in worlds:
+            room = size - len(world.prefix)
+            if room < 0 or any(set(world.prefix) > {"_"} and _simpler(world.prefix, names, made) for names in found):
+                continue
+            for chosen in adequate(world.problem, world.screen, room, alpha):
+                explained = _explanation(world, chosen)
+                found.setdefault(explained.names, explained)
+        if found:
+            ordered = sorted(found.values(), key=lambda e: e.bic)
+            return [_checked(e, made, data) if len(ordered) == 1 and e.names else e for e in ordered]
+        if size == 0:  # something is missing: now it is worth the refits at richer levels
+            worlds += _richer(made, data, own, n_draws, seed)
+    return []
+
+
+def adequate(made: Problem, screen: Screen, size: int, alpha: float = ALPHA) -> list[tuple[int, ...]]:
+    """Adequate sets of exactly `size` effects, simplest variants first."""
+    from itertools import combinations
+
+    usable = [g for g, c in enumerate(made.candidates) if c.effect is not None and screen.visible[g] > 0]
+    usable.sort(key=lambda g: len(made.candidates[g].scale))
+    out, seen = [], set()
+    for chosen in combinations(usable, size):
+        names = tuple(sorted(made.candidates[g].name for g in chosen))
+        if len(set(names)) < size or names in seen:
+            continue
+        if adequacy.is_adequate(screen, chosen, alpha) and possible(made, screen, chosen):
+            seen.add(names)
+            out.append(chosen)
+    return out
+
+
+def possible(made: Problem, screen: Screen, chosen: Sequence[int]) -> bool:
+    """Whether the fitted parameters of a set lie within their physical ranges, give or take 3σ."""
+    if not chosen:
+        return True
+    theta, sigma = screen.estimate(chosen)
+    return all(
+        np.all((t >= made.candidates[g].low - 3 * s) & (t <= made.candidates[g].high + 3 * s))
+        for g, t, s in zip(chosen, theta, sigma, strict=True)
+    )
+
+
+def _simpler(prefix: tuple[str, ...], names: tuple[str, ...], made: Problem) -> bool:
+    """Whether a set found already has a level below the one of `prefix`."""
+    levels = made.model.robot.mechanism.levels
+    found = [n for n in names if n in levels]
+    return bool(found) and levels[found[0]].basis.shape[1] < levels[prefix[0]].basis.shape[1]
+
+
+def _richer(made: Problem, data: Measurements, own: Sequence[Effect], n_draws: int, seed: int) -> list[_World]:
+    """The same data at every richer geometry level, refitted: large errors are not linear."""
+    out = []
+    for candidate in made.candidates:
+        if candidate.effect is not None:
+            continue
+        try:
+            fitted = identification.fit(data, replace(made.model, history=()), candidate.name).model
+        except (FitError, InputError):
+            continue
+        rebuilt = problem(fitted, data, own, noise=made.noise if made.noise.source == "replicates" else None)
+        out.append(_World((candidate.name,), rebuilt, rebuilt.screen(n_draws, seed)))
+    return out
+
+
+def _explanation(world: _World, chosen: tuple[int, ...]) -> Explanation:
+    made, screen = world.problem, world.screen
+    theta, sigma = screen.estimate(chosen) if chosen else ([], [])
+    levels = [
+        Candidate(name, name, None, np.zeros((0, 6, 0)), np.zeros(0), np.zeros(0), np.zeros(0)) for name in world.prefix
+    ]
+    members = levels + [made.candidates[g] for g in chosen]
+    values = [np.zeros(0)] * len(levels) + theta
+    spread = [np.zeros(0)] * len(levels) + sigma
+    order = sorted(range(len(members)), key=lambda i: members[i].name)
+    rest = screen.y @ screen.y
+    if chosen:
+        Q = screen.joint(chosen)
+        rest = rest - np.sum((Q.T @ screen.y) ** 2)
+    columns = sum(len(made.candidates[g].scale) for g in chosen) + np.linalg.matrix_rank(made.nuisance, 1e-3)
+    return Explanation(
+        names=tuple(members[i].name for i in order),
+        specs=tuple(members[i].spec for i in order),
+        candidates=tuple(members[i] for i in order),
+        theta=tuple(values[i] for i in order),
+        sigma=tuple(spread[i] for i in order),
+        bic=float(rest + columns * np.log(len(made.y))),
+    )
+
+
+def _checked(explanation: Explanation, made: Problem, data: Measurements) -> Explanation:
+    """The explanation with what held-out rows say after a full non-linear refit of everything."""
+    if data.check.sum() < 5:
+        return explanation
+    level = next((c.name for c in explanation.candidates if c.effect is None), made.model.level)
+    added = tuple(
+        FittedEffect(c.effect, np.clip(theta, c.low, c.high), c.spec)
+        for c, theta in zip(explanation.candidates, explanation.theta, strict=True)
+        if c.effect is not None
+    )
+    try:
+        after = identification.fit(data, with_effects(made.model, added), level).model
+    except (FitError, InputError):
+        return explanation
+    rows = data.take(data.check)
+    ratio = np.repeat(made.noise.ratio, 3)
+    both = []
+    for model in (made.model, after):
+        error, _ = identification.residuals(model, rows)
+        both.append(float(np.nansum((error / (rows.sigma * ratio)) ** 2)))
+    return replace(explanation, held_out=(both[0], both[1]))
+
+
+def with_effects(model: Model, added: Sequence[FittedEffect]) -> Model:
+    """A model with effects added; one of the same name is replaced."""
+    names = {f.effect.name for f in added}
+    return replace(model, effects=tuple(f for f in model.effects if f.effect.name not in names) + tuple(added))
+
+
+def _findings(
+    made: Problem, screen: Screen, start: Test, null: np.ndarray, sets: Sequence[Explanation], critical: float
+) -> tuple[Finding, ...]:
+    inside = {name for e in sets for name in e.names}
+    out = []
+    for g, candidate in enumerate(made.candidates):
+        d = int(screen.visible[g])
+        theta, sigma = (a[0] for a in screen.estimate([g]))
+        note = ""
+        if d == 0:
+            note = "these poses cannot show it"
+        elif not possible(made, screen, [g]):
+            note = "it would have to be outside its physical range"
+        out.append(
+            Finding(
+                candidate=candidate,
+                kappa=screen.kappa(g),
+                s=float(np.linalg.norm(screen.blocks[g].T @ screen.y)) if d else 0.0,
+                p=float(adequacy.corrected(start.p[g], null)) if d else 1.0,
+                theta=theta,
+                sigma=sigma,
+                adequate=candidate.name in inside,
+                smallest_seen=limits.smallest_seen(screen, g, critical),
+                note=note,
+            )
+        )
+    return tuple(sorted(out, key=lambda f: (f.p, -f.s)))
+
+
+def _cells(made: Problem, screen: Screen, start: Test, null: np.ndarray) -> tuple[Cell, ...]:
+    first = len(made.candidates)
+    out = [
+        Cell(
+            pattern.channel,
+            pattern.variable,
+            float(adequacy.corrected(start.p[first + i], null)),
+            float(np.linalg.norm(screen.blocks[first + i].T @ screen.y)),
+        )
+        for i, pattern in enumerate(made.patterns)
+    ]
+    order = sorted(range(len(out)), key=lambda i: start.p[first + i])
+    return tuple(out[i] for i in order)

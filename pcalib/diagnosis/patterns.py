@@ -1,0 +1,175 @@
+"""Omnibus patterns: smooth functions of what was recorded, in every channel a robot can err in.
+
+They name no cause. They tell where a model fails (the heat map), and they keep a diagnosis honest: an effect is
+adequate only where no pattern improves on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcalib.diagnosis.channels import Point, Response
+
+CHANNELS = {
+    "actuator": "motor angles",
+    "parallelogram": "rods of a pair against each other",
+    "rod": "rod lengths",
+    "body": "the plate as a whole",
+}
+"""Channel → how it is called in a sentence."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """One cell of the map: a channel as a smooth function of a variable."""
+
+    channel: str
+    variable: str
+    columns: np.ndarray
+    """(N, 6, p) derivative of the readings [m, rad] by each coefficient, whose unit size is `size`."""
+    size: float
+    """[rad or m] usual deviation in this channel, the scale of the coefficients."""
+
+
+def legendre(values: np.ndarray, low: int, high: int) -> np.ndarray:
+    """Legendre polynomials of degree low … high over the range of `values` (...); (..., high − low + 1).
+
+    As few as the number of distinct values allows; none where the values are all alike.
+    """
+    known = values[np.isfinite(values)]
+    distinct = len(np.unique(np.round(known, 9)))
+    high = min(high, distinct - 1)
+    if high < low:
+        return np.zeros((*values.shape, 0))
+    lowest, highest = known.min(), known.max()
+    x = np.nan_to_num((2 * values - lowest - highest) / (highest - lowest))
+    return np.stack([np.polynomial.legendre.Legendre.basis(n)(x) for n in range(low, high + 1)], axis=-1)
+
+
+def patterns(point: Point, budget: int, total: int) -> list[Pattern]:
+    """All cells that the data can fill.
+
+    Args:
+        budget: largest number of columns of one cell.
+        total: largest number of columns of all; degrees fall from 4 to 1 until they fit, then the last cells go.
+    """
+    cells = list(_cells(point, point.response()))
+    for degree in (4, 3, 2, 1):
+        built = [(channel, variable, _within(build, degree, budget)) for channel, variable, build in cells]
+        if sum(columns.shape[-1] for _, _, columns in built) <= total:
+            break
+    found, used = [], 0
+    for channel, variable, columns in built:
+        used += columns.shape[-1]
+        if columns.shape[-1] and used <= max(total, budget):
+            found.append(Pattern(channel, variable, columns, _SIZE[channel]))
+    return found
+
+
+def _within(build: Callable[[int], np.ndarray], degree: int, budget: int) -> np.ndarray:
+    """The columns of a cell at the highest degree that keeps to the budget; none where not even 1 does."""
+    for lower in range(degree, 0, -1):
+        columns = build(lower)
+        if columns.shape[-1] <= budget:
+            return columns
+    return columns[..., :0]
+
+
+_SIZE = {"actuator": 3e-4, "parallelogram": 1e-4, "rod": 1e-4, "body": 1e-4}
+
+
+def _cells(point: Point, response: Response) -> Iterator:
+    """(channel, variable, degree → columns) of every cell."""
+    at = point.situation
+    actuators, rods = response.actuator, response.rod
+    mechanism = at.robot.mechanism
+    arm = mechanism.actuator
+    direction = at.directions()
+
+    def shared(response: np.ndarray, values: np.ndarray, less: int):
+        """Every place of a channel by one variable (N,)."""
+        return lambda degree: _each(response, lambda i: legendre(values, 1, max(1, degree - less)))
+
+    def products(response: np.ndarray, factors: np.ndarray):
+        """Every place of a channel by given functions (N, F)."""
+        return lambda degree: _each(response, lambda i: factors)
+
+    yield "actuator", "q", lambda degree: _each(actuators, lambda i: legendre(at.q[:, i], 1, degree + 1))
+    yield "actuator", "torque", lambda degree: _each(actuators, lambda i: legendre(at.torque[:, i], 1, degree))
+    if np.any(direction):
+        sided = np.stack([direction, direction * np.abs(at.torque) / (np.abs(at.torque).mean() + 1e-12)], axis=-1)
+        yield "actuator", "direction", lambda degree: _each(actuators, lambda i: sided[:, i])
+    pair = _pairs(rods, arm)
+    if pair is not None:
+        yield "parallelogram", "q", lambda degree: _each(pair, lambda i: legendre(at.q[:, i], 1, degree))
+    yield "rod", "tension", lambda degree: _each(rods, lambda r: legendre(at.tension[:, r], 1, max(1, degree - 1)))
+    yield "rod", "sign of the rod force", lambda degree: _each(rods, lambda r: _sides(at.tension[:, r]))
+    body = np.broadcast_to(np.eye(6), (len(at), 6, 6))
+    place = point.prediction.pose.x
+    yield "body", "place", lambda degree: _each(body, lambda i: _place(place, 2 if degree > 2 else 1))
+    if np.any(direction):
+        yield "body", "direction", products(body, direction)
+    for variable, values in _recorded(point).items():
+        less = 1 if variable == "time" else 2  # degrees below that of angles: what is recorded acts smoothly
+        yield "actuator", variable, shared(actuators, values, less)
+        if pair is not None:
+            yield "parallelogram", variable, shared(pair, values, less)
+        yield "body", variable, shared(body, values, less)
+    if np.ptp(at.payload) > 0:
+        loaded = at.payload[:, None] / at.payload.max()
+        # With a payload the plate may sink by place, and each motor by its angle.
+        yield "body", "payload × place", products(body, loaded * _place(place, 1))
+        yield "actuator", "payload × q", lambda degree: _each(actuators, lambda i: loaded * legendre(at.q[:, i], 0, 2))
+
+
+def _recorded(point: Point) -> Mapping[str, np.ndarray]:
+    """Variables recorded once per pose that take more than one value, each content once."""
+    at = point.situation
+    named = {"payload": at.payload} | {c: v for c, v in at.columns.items() if not c.startswith("dir")}
+    if {"temp_arms", "temp_rods", "temp_base"} & named.keys():
+        named.pop("temp", None)
+    for axis, name in enumerate(("tool x", "tool y", "tool length")):
+        named[name] = at.tool[:, axis]
+    out: dict[str, np.ndarray] = {}
+    for name, values in named.items():
+        if not np.isfinite(values).all() or np.ptp(values) <= 1e-9 * max(1.0, np.abs(values).max()):
+            continue
+        same = [n for n, v in out.items() if abs(np.corrcoef(v, values)[0, 1]) > 1 - 1e-9]
+        if same and same[0].startswith("temp_") and name.startswith("temp_"):
+            out["temperature"] = out.pop(same[0])
+        elif not same:
+            out[name] = values
+    return out
+
+
+def _each(response: np.ndarray, functions) -> np.ndarray:
+    """Columns (N, 6, Σ) of every place of a channel times functions (N, F) of it."""
+    parts = [response[:, :, i, None] * functions(i)[:, None, :] for i in range(response.shape[-1])]
+    return np.concatenate(parts, axis=-1)
+
+
+def _pairs(rods: np.ndarray, arm: np.ndarray) -> np.ndarray | None:
+    """Response of every arm's two rods against each other; None where arms have no pairs."""
+    each = [np.flatnonzero(arm == i) for i in range(arm.max() + 1)]
+    if any(len(r) != 2 for r in each):
+        return None
+    return np.stack([rods[:, :, r[0]] - rods[:, :, r[1]] for r in each], axis=-1)
+
+
+def _sides(tension: np.ndarray) -> np.ndarray:
+    """sign T as one column; none where it never changes."""
+    sign = np.sign(tension)[:, None]
+    return sign if np.ptp(sign) > 0 else sign[:, :0]
+
+
+def _place(x: np.ndarray, degree: int) -> np.ndarray:
+    """Polynomials of the place up to a degree, (N, F), scaled to the poses' extent."""
+    middle = 0.5 * (x.max(axis=0) + x.min(axis=0))
+    u = (x - middle) / np.maximum(0.5 * np.ptp(x, axis=0), 1e-9)
+    out = [u]
+    if degree > 1:
+        out += [u[:, i : i + 1] * u[:, i:] for i in range(3)]
+    return np.hstack(out)

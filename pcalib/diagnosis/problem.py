@@ -1,0 +1,181 @@
+"""From a model and its data to the plain arrays that are tested: whitened residuals, nuisance columns and groups."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from pcalib import identification
+from pcalib.diagnosis import noise as noises
+from pcalib.diagnosis import outliers
+from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates, level_columns, richer_levels
+from pcalib.diagnosis.channels import Point
+from pcalib.diagnosis.noise import Blocks, NoiseLevel
+from pcalib.diagnosis.outliers import Outliers
+from pcalib.diagnosis.patterns import Pattern, patterns
+from pcalib.diagnosis.ripple import scanned
+from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, screen
+from pcalib.effects.base import Effect
+from pcalib.measurement import Measurements
+from pcalib.model import Model
+from pcalib.unknowns import unknowns_of
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One model on its fit rows, with everything that may be missing from it."""
+
+    model: Model
+    data: Measurements
+    """The fit rows that count, σ as stated."""
+    point: Point
+    y: np.ndarray
+    """(M,) whitened residuals."""
+    nuisance: np.ndarray
+    """(M, n) whitened columns of what the model has already, scaled by priors."""
+    row: np.ndarray
+    """(M,) pose of each reading."""
+    component: np.ndarray
+    """(M,) 0…5."""
+    candidates: tuple[Candidate, ...]
+    patterns: tuple[Pattern, ...]
+    unavailable: tuple[Unavailable, ...]
+    noise: NoiseLevel
+    whitener: np.ndarray
+    """(N, 6, 6) from stated noise units to those of the noise level."""
+    outliers: Outliers
+    """Rows of `given` that were set aside."""
+    given: Measurements
+    """The fit rows before any were set aside."""
+
+    def whitened(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (N, 6, p) [m, rad] as (M, p) in noise units."""
+        return _gather(self.whitener @ _padded(self.data, columns), self.row, self.component)
+
+    @cached_property
+    def groups(self) -> list[Group]:
+        """Candidates, then patterns."""
+        out = [Group(c.spec, self.whitened(c.columns), c.scale, trials=c.trials) for c in self.candidates]
+        return out + [
+            Group(f"{p.channel} × {p.variable}", self.whitened(p.columns), np.full(p.columns.shape[-1], p.size), True)
+            for p in self.patterns
+        ]
+
+    @property
+    def classes(self) -> np.ndarray:
+        """(M,) 0 for positions, 1 for rotations."""
+        return (self.component >= 3).astype(int)
+
+    def screen(self, n_draws: int = 4096, seed: int = 0) -> Screen:
+        """The reduced arrays that all tests run on."""
+        return screen(
+            self.y,
+            self.nuisance,
+            self.groups,
+            Noise(self.classes, self.noise.dof),
+            from_rest=self.noise.source == "residuals",
+            n_draws=n_draws,
+            seed=seed,
+        )
+
+
+def problem(
+    model: Model,
+    data: Measurements,
+    own: Sequence[Effect] = (),
+    noise: NoiseLevel | None = None,
+    all_rows: bool = False,
+) -> Problem:
+    """Set up the diagnosis of a model on data.
+
+    Args:
+        data: all rows; only those of ``set = fit`` are used.
+        own: the user's own effects.
+        noise: a level found before; estimated where absent.
+        all_rows: set no outliers aside.
+    """
+    fit = data.take(~data.check)
+    made = _linearised(model, fit, own)
+    if not all_rows:
+        odd = outliers.find(made.y, joint_span(made.nuisance, made.groups), made.row, len(fit))
+        if len(odd.rows) and not odd.too_many:
+            keep = np.ones(len(fit), bool)
+            keep[odd.rows] = False
+            made = replace(_linearised(model, fit.take(keep), own), outliers=odd, given=fit)
+        else:
+            made = replace(made, outliers=odd)
+    blocks = _blocks(made)
+    level = noise or _level(made, blocks)
+    if level.source == "stated":
+        return replace(made, noise=level)
+    whitener = noises.whitener(level, blocks)
+
+    def turned(columns: np.ndarray) -> np.ndarray:
+        return _gather(whitener @ _scatter(columns, made), made.row, made.component)
+
+    return replace(
+        made, y=turned(made.y[:, None])[:, 0], nuisance=turned(made.nuisance), noise=level, whitener=whitener
+    )
+
+
+def _linearised(model: Model, fit: Measurements, own: Sequence[Effect]) -> Problem:
+    unknowns = unknowns_of(model, model.level, model.effects, fit.frame == "tracker")
+    linear = identification.linearise(model, fit, unknowns)
+    point = Point.of(model, linear.prediction, identification.conditions_of(fit))
+    nuisance = linear.jacobian * unknowns.scale
+
+    def whiten(columns: np.ndarray) -> np.ndarray:
+        return _gather(_padded(fit, columns), linear.row, linear.component)
+
+    found, unavailable = candidates(point, own, lambda: scanned(point, linear.residual, nuisance, whiten))
+    for name in richer_levels(model):
+        columns = level_columns(point, name)
+        chosen = unknowns_of(model, name)
+        n = chosen.n_geometry
+        free = np.full(n, np.inf)
+        found.append(Candidate(name, name, None, columns, chosen.scale[:n], -free, free))
+    # The patterns together leave half of what the data can say to judge the noise by, each a fair share to others.
+    room = len(linear.residual) - int(np.linalg.matrix_rank(nuisance, NUISANCE))
+    cells = patterns(point, max(3, min(60, room // 6)), max(30, room // 2 - 40))
+    eye = np.broadcast_to(np.eye(6), (len(fit), 6, 6))
+    return Problem(
+        model, fit, point, linear.residual, nuisance, linear.row, linear.component,
+        tuple(found), tuple(cells), tuple(unavailable), noises.as_stated(fit), eye,
+        Outliers(np.zeros(0, int), np.zeros(0)), fit,
+    )  # fmt: skip
+
+
+def _blocks(made: Problem) -> Blocks:
+    joint = _padded(made.data, made.point.response().actuator)
+    return Blocks(made.data.mask, _scatter(made.y[:, None], made)[..., 0], joint)
+
+
+def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
+    """The best noise level that the data allow."""
+    drift = [c for c in made.candidates if c.name == "base_drift"]
+    columns = _padded(made.data, drift[0].columns * drift[0].scale) if drift else np.zeros((*blocks.y.shape, 0))
+    level = noises.from_replicates(made.data, blocks, columns)
+    if level is None:
+        Q = joint_span(made.nuisance, made.groups)
+        level = noises.from_rest(made.data, blocks, _scatter(Q, made))
+    return level or noises.as_stated(made.data)
+
+
+def _padded(data: Measurements, columns: np.ndarray) -> np.ndarray:
+    """Columns (N, 6, p) [m, rad] in stated noise units, zero where nothing is measured."""
+    return np.where(data.mask[..., None], columns / np.where(data.mask, data.sigma, 1.0)[..., None], 0.0)
+
+
+def _scatter(columns: np.ndarray, made: Problem) -> np.ndarray:
+    """(M, p) as (N, 6, p)."""
+    out = np.zeros((len(made.data), 6, columns.shape[1]))
+    out[made.row, made.component] = columns
+    return out
+
+
+def _gather(columns: np.ndarray, row: np.ndarray, component: np.ndarray) -> np.ndarray:
+    """(N, 6, p) as (M, p)."""
+    return columns[row, component]

@@ -1,0 +1,235 @@
+"""The statistics of a diagnosis, on plain arrays: what is left of residuals when groups of columns are allowed for.
+
+With whitened residuals y, whitened nuisance columns J (geometry, frame, effects already in the model) and groups of
+columns E_g (effects of the library, smooth patterns), everything happens in the complement of J:
+
+    y⊥ = (I − UUᵀ)·y        E⊥ = (I − UUᵀ)·E        T_g = |proj(y⊥ on E⊥_g)|²  ~  χ²(d_g) where nothing is missing
+
+The joint span W of all groups holds all that is ever tested, so y, groups and Monte-Carlo draws are kept in its
+coordinates. Where the noise level is an estimate with ν degrees of freedom per class of readings, draws are scaled
+by it too and single p values come from F(d_g, ν); critical values of the smallest p are always by Monte Carlo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+ALIAS = 1e-4
+"""Sine of the angle below which a direction counts as contained in what is already allowed for."""
+INVISIBLE = 0.5
+"""Noise units: directions that ten times the usual size of an effect moves by less than this cannot be seen."""
+NUISANCE = 1e-3
+"""Noise units per prior σ: weaker directions of what the model has are held by the priors and not projected out."""
+REST = 10
+"""Directions outside every group that are enough to be tested as one."""
+KNOWN = 1e6
+"""Degrees of freedom from which on a noise level counts as known."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Some columns that may explain residuals."""
+
+    name: str
+    columns: np.ndarray
+    """(M, p) whitened derivative of the readings by each parameter."""
+    scale: np.ndarray
+    """(p,) usual size of each parameter."""
+    pattern: bool = False
+    """A smooth pattern of the omnibus set: it is never an explanation, only a warning."""
+    trials: int = 1
+    """How many of its kind were tried to find this one, which all count (look-elsewhere effect)."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How well the noise level is known, per class of readings (positions, rotations)."""
+
+    classes: np.ndarray
+    """(M,) int, class of each reading."""
+    dof: np.ndarray
+    """(n_classes,) degrees of freedom of the level of each class; inf where it is taken as known."""
+
+
+def project_out(A: np.ndarray, U: np.ndarray) -> np.ndarray:
+    """A (M, …) without its part in the span of the orthonormal columns U (M, r)."""
+    return A - U @ (U.T @ A)
+
+
+def span(columns: np.ndarray, threshold: float) -> np.ndarray:
+    """Orthonormal basis of the directions with singular value above `threshold`, (M, r)."""
+    if columns.shape[1] == 0:
+        return columns
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return U[:, s > threshold]
+
+
+@dataclass(frozen=True)
+class Screen:
+    """Everything that is tested, in the D coordinates of the groups' joint span."""
+
+    names: tuple[str, ...]
+    pattern: np.ndarray
+    """(G,) bool."""
+    blocks: tuple[np.ndarray, ...]
+    """G arrays (D, d_g): orthonormal basis of the visible part of each group; d_g = 0 where nothing of it is visible."""
+    parts: tuple[np.ndarray, ...]
+    """G arrays (D, p_g): visible columns per unit parameter."""
+    trials: np.ndarray
+    """(G,) how many were tried to find each group."""
+    full: tuple[np.ndarray, ...]
+    """G arrays (p_g,): norm of each column before the nuisance was projected out, noise units per unit parameter."""
+    scale: tuple[np.ndarray, ...]
+    y: np.ndarray
+    """(D,) residuals."""
+    draws: np.ndarray
+    """(n, D) float32, residuals of nothing but noise."""
+    left: tuple[float, int] | None
+    """Square sum and degrees of freedom outside every group; None where the noise level was taken from it."""
+    left_draws: np.ndarray
+    """(n,) the same square sum of the draws."""
+    nu: float
+    """Degrees of freedom of the noise level over all classes."""
+
+    def p_value(self, T: np.ndarray | float, d: np.ndarray | int) -> np.ndarray:
+        """Probability of a larger T (…) in d dimensions."""
+        from scipy.special import chdtrc, fdtrc
+
+        d = np.asarray(d, float)
+        if self.nu >= KNOWN:
+            return chdtrc(d, T)
+        return fdtrc(d, self.nu, np.asarray(T) / np.maximum(d, 1))
+
+    def p_of_draws(self, T: np.ndarray, d: np.ndarray) -> np.ndarray:
+        """p values (n, G) of many draws, interpolated in log p (to 1e-3 of p) between exact ones."""
+        out = np.empty(T.shape)
+        for dim in np.unique(d):
+            mine = d == dim
+            grid = np.linspace(0.0, np.sqrt(T[:, mine].max(initial=1.0)), 512) ** 2
+            exact = np.log(np.maximum(self.p_value(grid, int(dim)), 1e-300))
+            out[:, mine] = np.exp(np.interp(T[:, mine], grid, exact))
+        return out
+
+    @cached_property
+    def visible(self) -> np.ndarray:
+        """(G,) dimensions of each group that can be seen."""
+        return np.array([b.shape[1] for b in self.blocks])
+
+    def allowing(self, chosen: Sequence[int]) -> tuple[np.ndarray, ...]:
+        """Orthonormal bases (D, d) of every group's part outside the chosen groups."""
+        if not chosen:
+            return self.blocks
+        Q = self.joint(chosen)
+        return tuple(outside(block, Q) for block in self.blocks)
+
+    def joint(self, chosen: Sequence[int]) -> np.ndarray:
+        """(D, r) orthonormal basis of the chosen groups together."""
+        if len(chosen) == 1:
+            return self.blocks[chosen[0]]
+        return span(np.hstack([self.blocks[g] for g in chosen]), ALIAS)
+
+    def kappa(self, g: int) -> float:
+        """Share of a group's signal, at its usual size, that the nuisance does not absorb."""
+        before = np.sum((self.full[g] * self.scale[g]) ** 2)
+        after = np.sum((self.parts[g] * self.scale[g]) ** 2)
+        return float(np.sqrt(after / before)) if before > 0 else 0.0
+
+    def estimate(self, chosen: Sequence[int]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Least-squares parameters of the chosen groups together and their 1σ, one array (p_g,) per group."""
+        F = np.hstack([self.parts[g] * self.scale[g] for g in chosen])
+        U, s, Vt = np.linalg.svd(F, full_matrices=False)
+        seen = s > 0.1 * INVISIBLE
+        inverse = np.where(seen, 1.0 / np.where(seen, s, 1.0), 0.0)
+        theta = Vt.T @ (inverse * (U.T @ self.y))
+        # Directions that cannot be seen keep all their doubt.
+        doubt = np.where(seen, inverse, np.inf)
+        with np.errstate(invalid="ignore"):
+            spread = np.sqrt(np.nansum(np.where(Vt.T**2 > 1e-12, (Vt.T * doubt) ** 2, 0.0), axis=1))
+        cut = np.cumsum([self.parts[g].shape[1] for g in chosen])[:-1]
+        scales = np.concatenate([self.scale[g] for g in chosen])
+        return np.split(theta * scales, cut), np.split(spread * scales, cut)
+
+
+def outside(block: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """Orthonormal basis (D, d) of the part of span(block) that is orthogonal to span(Q); both orthonormal."""
+    if block.shape[1] == 0:
+        return block
+    rest = block - Q @ (Q.T @ block)
+    sine2, V = np.linalg.eigh(rest.T @ rest)
+    keep = sine2 > ALIAS**2
+    return rest @ (V[:, keep] / np.sqrt(sine2[keep]))
+
+
+def screen(
+    y: np.ndarray,
+    nuisance: np.ndarray,
+    groups: Sequence[Group],
+    noise: Noise,
+    *,
+    from_rest: bool = False,
+    n_draws: int = 4096,
+    seed: int = 0,
+) -> Screen:
+    """Reduce residuals, groups and noise draws to the groups' joint span.
+
+    Args:
+        y: (M,) whitened residuals.
+        nuisance: (M, n) whitened columns scaled by their priors.
+        from_rest: the noise level was estimated from what lies outside every group, which is then not tested.
+    """
+    U = span(nuisance, NUISANCE)
+    y = project_out(y, U)
+    visible, bases = [], []
+    for group in groups:
+        part = project_out(group.columns, U)
+        visible.append(part)
+        bases.append(span(part * (10.0 * group.scale), INVISIBLE))
+    stacked = np.hstack([*bases, np.zeros((len(y), 0))])
+    square, V = np.linalg.eigh(stacked.T @ stacked)
+    keep = square > 1e-8
+    W = stacked @ (V[:, keep] / np.sqrt(square[keep]))
+    W, _ = np.linalg.qr(W)  # the division above loses digits where groups nearly coincide
+
+    z = np.random.default_rng(seed).standard_normal((n_draws, len(y)), dtype=np.float32)
+    rng = np.random.default_rng(seed + 1)
+    for c, dof in enumerate(noise.dof):
+        if np.isfinite(dof) and dof < KNOWN:
+            level = np.sqrt(dof / rng.chisquare(dof, n_draws))
+            z[:, noise.classes == c] *= level[:, None].astype(np.float32)
+    draws = z @ W.astype(np.float32)
+    inside = z @ U.astype(np.float32)
+    left_draws = (
+        np.einsum("ij,ij->i", z, z) - np.einsum("ij,ij->i", draws, draws) - np.einsum("ij,ij->i", inside, inside)
+    )
+    at = W.T @ y
+    left = max(float(y @ y - at @ at), 0.0), len(y) - U.shape[1] - W.shape[1]
+    used = noise.dof[np.unique(noise.classes)]
+    return Screen(
+        names=tuple(group.name for group in groups),
+        pattern=np.array([group.pattern for group in groups], bool),
+        blocks=tuple(W.T @ basis for basis in bases),
+        parts=tuple(W.T @ part for part in visible),
+        trials=np.array([group.trials for group in groups], int),
+        full=tuple(np.linalg.norm(group.columns, axis=0) for group in groups),
+        scale=tuple(np.asarray(group.scale, float) for group in groups),
+        y=at,
+        draws=draws,
+        left=None if from_rest or left[1] < REST else left,
+        left_draws=np.maximum(left_draws, 0.0).astype(float),
+        nu=float(np.sum(used)) if np.isfinite(used).all() else np.inf,
+    )
+
+
+def joint_span(nuisance: np.ndarray, groups: Sequence[Group]) -> np.ndarray:
+    """(M, d) orthonormal basis of nuisance columns and all groups together."""
+    columns = [span(nuisance, NUISANCE)] + [group.columns * (10.0 * group.scale) for group in groups]
+    return span(np.hstack([_unit(c) for c in columns]), 1e-6)
+
+
+def _unit(columns: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(columns, axis=0)
+    return columns / np.where(size > 0, size, 1.0)
