@@ -51,7 +51,25 @@ _PUBLIC = {
     "save_measurements": ("measurement", "save"),
     "save_model": ("modelfile", "save"),
 }
-__all__ = ["__version__", *_PUBLIC]
+__all__ = [
+    "Commands",
+    "Conditions",
+    "Fit",
+    "Measurements",
+    "Model",
+    "PcalibError",
+    "Robot",
+    "__version__",
+    "compensate",
+    "fit",
+    "load_measurements",
+    "load_model",
+    "load_robot",
+    "plan",
+    "predict",
+    "save_measurements",
+    "save_model",
+]
 
 
 def __getattr__(name: str) -> Any:

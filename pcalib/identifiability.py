@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import scipy.linalg
@@ -76,20 +77,21 @@ def analyse(
     """
     scaled = project_out(J, nuisance) * prior
     if len(scaled) > scaled.shape[1]:
-        scaled = np.linalg.qr(scaled, mode="r")
+        scaled = np.asarray(np.linalg.qr(scaled, mode="r"))
     _, s, Vt = np.linalg.svd(scaled)
     ratio = np.zeros(scaled.shape[1])
     ratio[: len(s)] = s
     rank = int(np.sum(ratio > THRESHOLD))
-    R, pivot = scipy.linalg.qr(scaled, mode="r", pivoting=True)
-    base = pivot[:rank]
+    R, pivot = cast(tuple[np.ndarray, np.ndarray], scipy.linalg.qr(scaled, mode="r", pivoting=True))
+    base: list[int] = pivot[:rank].tolist()
+    others: list[int] = pivot[rank:].tolist()
     dependent: dict[str, dict[str, float]] = {}
     if rank:
         mix = scipy.linalg.solve_triangular(R[:rank, :rank], R[:rank, rank:])
-        mix = mix / prior[base][:, None] * prior[pivot[rank:]]  # in parameter units
-        for j, column in enumerate(pivot[rank:]):
+        mix = mix / prior[base][:, None] * prior[others]  # in parameter units
+        for j, column in enumerate(others):
             scale = np.abs(mix[:, j] * prior[base] / prior[column])
-            heavy = [i for i in np.argsort(-scale) if scale[i] > 0.05][:6]
+            heavy = [i for i in np.argsort(-scale).tolist() if scale[i] > 0.05][:6]
             dependent[names[column]] = {names[base[i]]: float(mix[i, j]) for i in heavy}
     return Identifiability(tuple(names), ratio, Vt.T, tuple(names[i] for i in base), dependent)
 

@@ -458,7 +458,7 @@ def _require_reach(p: Prediction, data: Measurements) -> None:
     if len(bad):
         more = f" (and {len(bad) - 1} more rows)" if len(bad) > 1 else ""
         raise InputError(
-            f"the robot cannot close its loops at this command: {p.status[bad[0]].replace('_', ' ')}{more}",
+            f"the robot cannot close its loops at this command: {str(p.status[bad[0]]).replace('_', ' ')}{more}",
             file=data.source,
             line=int(data.lines[bad[0]]),
             remedy="check the sign, order and unit of the actuator columns against the robot file",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack
+from scipy.linalg.lapack import dgeqrf, dtrtri, dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def solve(
@@ -29,9 +29,9 @@ def solve(
     A[rows, n] = pull[held] / prior[held]
     if damping:
         A[M + len(held) + np.arange(n), np.arange(n)] = np.sqrt(damping)
-    QR = lapack.dgeqrf(A, overwrite_a=True)[0]
+    QR = dgeqrf(A, overwrite_a=True)[0]
     R = np.triu(QR[:n, :n])
-    step, info = lapack.dtrtrs(R, QR[:n, n])
+    step, info = dtrtrs(R, QR[:n, n])
     return (step if info == 0 else np.full(n, np.nan)), R
 
 
@@ -52,5 +52,5 @@ def root(R: np.ndarray) -> np.ndarray:
     """R⁻¹, a square root of the covariance: (RᵀR)⁻¹ = root·rootᵀ. NaN where R is singular."""
     if R.size == 0:
         return R
-    inverse, info = lapack.dtrtri(R)
+    inverse, info = dtrtri(R)
     return np.triu(inverse) if info == 0 else np.full_like(R, np.nan)
