@@ -1,0 +1,247 @@
+"""The main job: a robot with imperfect rods is measured, identified and compensated, and MuJoCo lands the TCP.
+
+Nothing passes from the virtual robot to the calibration but a data file; nothing passes back but joint commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench import simulate
+from bench import truth as truths
+from bench.commands import Commands
+from bench.instrument import Instrument
+from bench.machine import Machine
+from bench.plan import Plan
+from bench.truth import Truth
+from pcalib import compensation, files, grid, identification, measurement, modelfile, planning, summary
+from pcalib import ladder as ladders
+from pcalib.identification import Fit
+from pcalib.ladder import ErrorMap, Ladder, Step
+from pcalib.measurement import Measurements
+from pcalib.model import Model
+from pcalib.robot import Robot
+from pcalib.workspace import reachable
+
+DEGREE = np.pi / 180
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is demonstrated [SI]."""
+
+    sigma_length: float = 0.3e-3
+    """1σ of every length and coordinate of the robot."""
+    sigma_angle: float = 0.12 * DEGREE
+    """1σ of every angle."""
+    noise_pos: float = 0.02e-3
+    """1σ per component of the instrument."""
+    noise_rot: float = 0.005 * DEGREE
+    poses: int = 40
+    """Measured poses, D-optimal."""
+    check: int = 20
+    """Further random poses, held out."""
+    tools: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), (0.0, 0.0, -0.3))
+    spacing: float | None = None
+    """Distance of the targets; a fifth of the workspace's radius when absent."""
+    seed: int = 5
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One way to calibrate."""
+
+    name: str
+    label: str
+    text: str
+    fit: Mapping[str, Any] | None = None
+    """Arguments of :func:`identification.fit`; None: the robot as drawn."""
+    method: str = "exact"
+
+
+RUNGS = (
+    Rung("nominal", "Nominal", "The robot as drawn: whatever is wrong with it shows at the TCP.", method="none"),
+    Rung(
+        "classical", "Classical",
+        "One rod for each parallelogram, one length for each arm and rod, one offset for each motor. The plate cannot "
+        "tilt in this model.",
+        {"level": "classical", "method": "base"},
+    ),
+    Rung(
+        "model24", "Model 24",
+        "All that perfect parallelograms can have wrong (Vischer's Model 24). The plate's centre is right; its tilt is "
+        "not in the model, so the miss grows with the tool.",
+        {"level": "model24", "method": "base"},
+    ),
+    Rung(
+        "paper", "Paper, linear",
+        "Every rod for itself, found by one linear step; commands corrected to first order, as in the paper. What is "
+        "left is of second order in the errors.",
+        {"level": "complete", "method": "linear"}, "first-order",
+    ),
+    Rung(
+        "complete", "Complete",
+        "Every rod for itself, found by non-linear least squares with manufacturing tolerances as priors; commands "
+        "from the exact inverse. What is left is what the instrument cannot resolve.",
+        {"level": "complete", "method": "map"},
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Demo:
+    """What came out."""
+
+    settings: Settings
+    truth: Truth
+    data: Measurements
+    ladder: Ladder
+
+    @property
+    def complete(self) -> Fit:
+        """The last fit."""
+        fit = self.ladder.steps[-1].fit
+        assert fit is not None
+        return fit
+
+
+def run(robot: Robot, settings: Settings = Settings(), advance: Callable[[], None] = lambda: None) -> Demo:
+    """Measure, identify, compensate and land.
+
+    Args:
+        advance: called once after each of `stages(settings)` pieces of work.
+
+    Raises:
+        FitError: a step of the ladder cannot be identified from so few poses.
+        ReachError: such a robot cannot be assembled, or cannot reach its workspace.
+    """
+    truth = Truth(
+        robot,
+        truths.draw_errors(robot, settings.sigma_length, settings.sigma_angle, settings.seed),
+        Instrument(sigma_pos=settings.noise_pos, sigma_rot=settings.noise_rot),
+    )
+    plan = measuring_plan(robot, settings)
+    advance()
+    data = simulate.run(truth, plan, settings.seed).measurements
+    steps = tuple(climb(data, robot, rung) for rung in RUNGS if _possible(robot, rung))
+    advance()
+    plate = grid.workspace_grid(robot, settings.spacing)
+    machine = truth.machine()
+    maps = []
+    for tool in np.array(settings.tools, float).reshape(-1, 3):
+        fields = []
+        for step in steps:
+            fields.append(land(machine, step, plate + tool, tool))
+            advance()
+        errors, status = (np.stack(part) for part in zip(*fields, strict=True))
+        maps.append(ErrorMap(tool, plate + tool, errors, status))
+    return Demo(
+        settings, truth, data, Ladder(robot, steps, tuple(maps), "landed by MuJoCo", settings.noise_pos, truth.values)
+    )
+
+
+def stages(settings: Settings) -> int:
+    """How often `run` calls `advance`."""
+    return 2 + len(settings.tools) * len(RUNGS)
+
+
+def measuring_plan(robot: Robot, settings: Settings) -> Plan:
+    """D-optimal poses to fit and random ones to check, all without a tool."""
+    q, tools = planning.plan(
+        robot, settings.poses, sigma_pos=settings.noise_pos, sigma_rot=settings.noise_rot, seed=settings.seed
+    )
+    if settings.check:
+        more = reachable(robot, settings.check, np.random.default_rng([settings.seed, 1])).q
+        q, tools = np.concatenate([q, more]), np.concatenate([tools, np.zeros((len(more), 3))])
+    held_out = np.arange(len(q)) >= settings.poses
+    return Plan(Commands.of(q, tools), np.full(len(q), -1), held_out, "d-optimal")
+
+
+def climb(data: Measurements, robot: Robot, rung: Rung) -> Step:
+    """Identify one step of the ladder."""
+    if rung.fit is None:
+        return Step(rung.name, rung.label, Model.nominal(robot), rung.method, rung.text)
+    fit = identification.fit(data, robot, **rung.fit)
+    figures = summary.statistics(fit)
+    model = replace(fit.model, history=(modelfile.snapshot(fit.model, "fit", data=data.source, **figures),))
+    return Step(rung.name, rung.label, model, rung.method, rung.text, fit)
+
+
+def _possible(robot: Robot, rung: Rung) -> bool:
+    return rung.fit is None or rung.fit["level"] in robot.mechanism.levels
+
+
+def land(machine: Machine, step: Step, wanted: np.ndarray, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Command every target by a step's model, and see where the TCP comes to stand.
+
+    Returns:
+        errors (P, 3) [m], NaN where the target was not reached, and status (P,).
+    """
+    method = "exact" if step.method == "none" else step.method
+    commands = compensation.compensate(step.model, wanted, tool, method=method)
+    landing = machine.land(commands.q, tool)
+    status = np.where(commands.status == "ok", landing.status, commands.status)
+    errors = landing.tcp - wanted
+    errors[:, grid.uncommanded(machine.robot)] *= 0.0
+    errors[status != "ok"] = np.nan
+    return errors, status
+
+
+def write(demo: Demo, folder: Path) -> dict[str, Path]:
+    """Write data, truth, models, recording and report into a folder, made where it is not there; paths by name.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    from bench.jobs import demo_report
+    from pcalib import view
+    from pcalib.errors import InputError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        problem = f"cannot make this folder: {error.strerror}"
+        raise InputError(problem, file=folder, remedy="choose another with -o") from None
+    out = {"data": folder / "data.csv"}
+    measurement.save(out["data"], demo.data)
+    out["truth"] = simulate.truth_path(out["data"])
+    files.write_text(out["truth"], truths.dumps(demo.truth, {"job": "demo", "seed": demo.settings.seed}))
+    for step in demo.ladder.steps:
+        if step.fit is not None:
+            out[step.name] = folder / f"{step.name}.toml"
+            modelfile.save(out[step.name], step.model, summary.statistics(step.fit))
+    out["recording"], out["report"] = folder / "demo.rrd", folder / "report.html"
+    view.write(out["recording"], demo.ladder, identity=f"demo of {demo.truth.robot.name}, seed {demo.settings.seed}")
+    demo_report.write(out["report"], demo)
+    return out
+
+
+def content(demo: Demo) -> dict[str, Any]:
+    """The outcome as JSON, `pcbench.demo/1`."""
+    ladder = demo.ladder
+    return {
+        "schema": "pcbench.demo/1",
+        "sentence": ladders.sentence(ladder),
+        "robot": demo.truth.robot.name,
+        "seed": demo.settings.seed,
+        "poses": demo.settings.poses,
+        "n_identified": demo.complete.n_identified,
+        "tools_mm": [m.tool * 1e3 for m in ladder.maps],
+        "targets": [len(m.targets) for m in ladder.maps],
+        "steps": [
+            {
+                "name": step.name,
+                "commands": step.method,
+                "rms_um": ladder.rms[s] * 1e6,
+                "max_um": ladder.max[s] * 1e6,
+                "not_reached": [int((m.status[s] != "ok").sum()) for m in ladder.maps],
+                "fit": None if step.fit is None else summary.statistics(step.fit),
+            }
+            for s, step in enumerate(ladder.steps)
+        ],
+    }

@@ -1,0 +1,77 @@
+"""Open the viewer on a recording, or on a model and what it says of the robot.
+
+    pcalib view out/demo
+    pcalib view out/demo/demo.rrd --browser
+    pcalib view m.toml --tool 0,0,0mm --tool 0,0,-300mm
+    pcalib view m.toml --save m.rrd
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from pcalib.cli.frame import quantity
+
+
+def command(
+    run: Path,
+    /,
+    *,
+    tool: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
+    payload: Annotated[np.ndarray | None, quantity("mass")] = None,
+    save: Path | None = None,
+    browser: bool = False,
+    effect_file: tuple[str, ...] = (),
+) -> int | None:
+    """Open the viewer on a recording, or on a model and what it says of the robot.
+
+    A model is shown as the robot it describes, with what the TCP would miss by if commands came from the drawing, all
+    over the workspace, as the model predicts it. Step along the timeline 'model' to compare models.
+
+    Args:
+        run: Model file (.toml), recording (.rrd), or a folder with one recording, such as a demo writes.
+        tool: TCP in the plate frame, e.g. 0,0,-300mm; may be given several times. For model files.
+        payload: Mass at the TCP, e.g. 1kg. For model files.
+        save: Write the recording to this file, and open no viewer.
+        browser: Show it in the browser instead of a window.
+        effect_file: file.py:Class of an effect of your own that the model uses and that may be loaded.
+    """
+    import shutil
+    import tempfile
+
+    from pcalib import files, modelfile, units, view
+    from pcalib.cli import frame
+    from pcalib.errors import InputError
+    from pcalib.view import viewer
+    from pcalib.view.model import predicted
+
+    if run.suffix != ".toml":
+        if tool or payload is not None:
+            raise InputError("--tool and --payload are for model files; a recording has its own", file=run)
+        found = viewer.recording_of(run)
+        if save is None:
+            viewer.show(found, browser)
+            return None
+        with files.atomic(save) as temporary:
+            shutil.copyfile(found, temporary)
+        frame.say(f"Recording copied to {save}.")
+        return None
+
+    tools = [units.parse_quantity(text, "length", option="--tool") for text in tool]
+    if any(len(t) != 3 for t in tools):
+        raise InputError("--tool needs three numbers", remedy="for example --tool 0,0,-300mm")
+    model = modelfile.load(run, effect_file)
+    what = predicted(model, tools, 0.0 if payload is None else float(payload[0]), effect_file)
+    if save is not None:
+        view.write(save, what, model=model, identity=run.stem)
+        frame.say(f"Recording written to {save}.")
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder) / f"{run.stem}.rrd"
+        view.write(recording, what, model=model, identity=run.stem)
+        viewer.show(recording, browser)
+    return None

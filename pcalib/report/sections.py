@@ -1,0 +1,153 @@
+"""Sections that a calibration has to show: its ladder, error maps, parameters and what the data cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pcalib import ladder as ladders
+from pcalib import wording
+from pcalib.identifiability import priors
+from pcalib.identification import Fit
+from pcalib.ladder import Ladder
+from pcalib.report import figures
+from pcalib.report.page import Block, Bullets, Figure, Section, Table, Text
+from pcalib.wording import number, size
+
+
+def ladder(what: Ladder) -> Section:
+    """How the error falls from model to model."""
+    header, rows = ladders.table(what)
+    notes = [f"{step.label}: {step.text}" for step in what.steps if step.text]
+    lost = [
+        f"{m.label}: {int((~m.reached).sum())} of {len(m.targets)} targets are left out: some step did not reach them."
+        for m in what.maps
+        if not m.reached.all()
+    ]
+    blocks: list[Block] = [
+        Figure(
+            figures.ladder(what),
+            f"Position error of the TCP, {what.source}, at {int(what.maps[0].reached.sum())} targets all over the "
+            "workspace.",
+            "Curves of RMS error over the models, one per tool length, on a logarithmic scale.",
+        ),
+        Table(header, rows, "<<" + ">" * (len(header) - 2), marked=(len(rows) - 1,)),
+        Bullets(notes),
+    ]
+    if lost:
+        blocks.append(Bullets(lost, "warning"))
+    return Section("How the error falls", blocks)
+
+
+def error_maps(what: Ladder, steps: Sequence[int] | None = None) -> Section:
+    """Where in the workspace the error is, with the tool that suffered most, before and after."""
+    if steps is None:
+        steps = sorted({0, len(what.steps) - 1})
+    field = what.maps[what.worst_tool]
+    return Section(
+        f"Where the error is, {field.label}",
+        [
+            Figure(
+                figures.maps(what, what.worst_tool, steps),
+                "Horizontal slices of the workspace seen from above; z of the TCP in the base frame. Dots are the "
+                "targets, the circle is the working cylinder; one colour scale for all slices.",
+                "Coloured maps of the error size over slices of the workspace, before and after calibration.",
+            )
+        ],
+    )
+
+
+def parameters(fit: Fit, truth: np.ndarray | None = None) -> Section:
+    """Every geometric parameter with its σ, and how much of that the data say.
+
+    Args:
+        truth: (nk,) true values, where a virtual robot tells them.
+    """
+    model = fit.candidate
+    mechanism = model.robot.mechanism
+    sigma = np.full(len(model.k), np.nan) if model.sigma is None else model.sigma
+    prior = priors(mechanism.units) * fit.prior_scale
+    header = ["parameter", "nominal", "fitted", "change", "± 1σ", ""]
+    header[4:4] = ["true change"] if truth is not None else []
+    rows, marked = [], []
+    for i, name in enumerate(mechanism.parameters):
+        unit, factor, digits = wording.PARAMETER[mechanism.units[i]]
+        change = model.errors[i]
+        row = [name, *(f"{number(v * factor, digits)} {unit}" for v in (mechanism.nominal[i], model.k[i]))]
+        row.append(number(change * factor, digits, "+"))
+        if truth is not None:
+            row.append(number((truth[i] - mechanism.nominal[i]) * factor, digits, "+"))
+        row += [number(sigma[i] * factor, digits), _flag(change, sigma[i], prior[i])]
+        rows.append(row)
+        if row[-1].startswith("off"):
+            marked.append(i)
+    blocks: list[Block] = [
+        Text(
+            f"The data tell {fit.n_identified} directions of {len(fit.unknowns.names)} unknowns "
+            f"(well-spread poses on a robot without errors tell {fit.expected})."
+        ),
+        Table(
+            header, rows, "<" + ">" * (len(header) - 2) + "<", marked=marked, folded=f"All {len(rows)} parameters",
+            note="“by tolerance”: the data hardly tell this parameter alone, and the manufacturing tolerance decides; "
+            "together with others it does count.",
+        ),
+    ]  # fmt: skip
+    lengths = _combined(fit)
+    if lengths:
+        blocks.insert(1, lengths)
+    if model.effects:
+        blocks.append(Bullets([wording.effect(f) for f in model.effects]))
+    return Section("What was identified", blocks)
+
+
+def _flag(change: float, sigma: float, prior: float) -> str:
+    if not np.isfinite(sigma) or sigma == 0:
+        return "held"
+    if sigma > 0.7 * prior:
+        return "by tolerance"
+    return "off by more than 3σ" if abs(change) > 3 * sigma else ""
+
+
+def _combined(fit: Fit) -> Table | None:
+    """The best determined parameters and sums, those that moved most in units of their σ."""
+    from pcalib.summary import largest_changes
+
+    rows = largest_changes(fit)
+    return Table(["moved most", "from nominal", "± 1σ", "in σ"], rows, "<>>>") if rows else None
+
+
+def unidentifiable(fit: Fit) -> Section:
+    """What these data cannot tell, in words."""
+    sentences = fit.identifiability.sentences()
+    if not sentences:
+        blocks: list[Block] = [Text("Nothing: every parameter of this level leaves a trace of its own.")]
+    else:
+        blocks = [
+            Text(
+                "No measurement of this kind can separate the following; the manufacturing tolerances share the error "
+                "out between them. It does not matter for the TCP, as each mix moves it alike."
+            ),
+            Bullets(sentences),
+        ]
+    return Section("What the data cannot tell", blocks)
+
+
+def warnings(fits: Sequence[tuple[str, Fit]]) -> Section | None:
+    """What fits warn of, each under the name of its step; None where there is nothing."""
+    items = [f"{label}: {text}" for label, fit in fits for text in fit.warnings]
+    return Section("To be looked at", [Bullets(items, "warning")]) if items else None
+
+
+def data(fit: Fit, source: str) -> Section:
+    """What was measured, and how well the model explains it."""
+    rows = [
+        [name, str(a.n_rows), size(a.rms_pos), size(a.max_pos), number(a.rms_rot * 1e6, 1), number(a.chi2_dof, 2)]
+        for name, a in (("fitted", fit.fit), ("held out", fit.check))
+        if a is not None
+    ]
+    note = "χ²/dof near 1: what is left is the instrument's noise."
+    return Section(
+        "How well the model explains the measurements",
+        [Text(source), Table(["poses", "rows", "RMS", "largest", "RMS µrad", "χ²/dof"], rows, "<>>>>>", note=note)],
+    )

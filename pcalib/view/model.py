@@ -1,0 +1,78 @@
+"""A recording of one model: what the robot as drawn would miss by, as the model predicts it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pcalib import compensation, grid, modelfile, prediction
+from pcalib.ladder import ErrorMap, Ladder, Step
+from pcalib.model import Model
+from pcalib.prediction import Conditions
+from pcalib.view.skeleton import upwards
+
+
+def predicted(
+    model: Model, tools: Sequence[np.ndarray] = (), payload: float = 0.0, effect_files: Sequence[str] = ()
+) -> Ladder:
+    """What commands of the drawing, and of each earlier step of the model's history, miss by as the model predicts.
+
+    Effects that need further columns are seen at 20 °C, without direction of motion and at time zero.
+
+    Args:
+        tools: (3,) each [m] TCP in the plate frame; none: the plate itself, and a tool some 3/4 as long as the
+            workspace's radius that hangs below it.
+        payload: [kg] at the TCP.
+        effect_files: the user's own effects that the history may need, as for `modelfile.load`.
+    """
+    robot, real = model.robot, replace(model, frame=None)
+    if not len(tools):
+        tools = [np.zeros(3), -_one_digit(0.75 * robot.workspace.radius) * upwards(robot.mechanism)]
+    text = "Commands from the drawing; the robot is as the model says."
+    steps = [Step("nominal", "As drawn", Model.nominal(robot), "none", text)]
+    for i, entry in enumerate(model.history[:-1]):
+        then = modelfile.restore(real, entry, effect_files)
+        known = " and ".join([f"geometry {then.level}", *(f.effect.name for f in then.effects)])
+        label = f"{entry.get('action', 'step')} {i + 1}"
+        steps.append(Step(f"step{i + 1}", label, then, "exact", f"Commands from the model as it was then: {known}."))
+    plate = grid.workspace_grid(robot)
+    maps = []
+    for tool in tools:
+        wanted = plate + tool
+        conditions = _neutral(real, len(wanted), tool, payload)
+        fields = [_missed(step.model, real, wanted, conditions) for step in steps]
+        errors, status = (np.stack(part) for part in zip(*fields, strict=True))
+        maps.append(ErrorMap(np.asarray(tool, float), wanted, errors, status))
+    return Ladder(robot, tuple(steps), tuple(maps), "predicted by the model")
+
+
+def _one_digit(value: float) -> float:
+    """The next number below that has one digit only."""
+    unit = 10.0 ** math.floor(math.log10(value))
+    return unit * math.floor(value / unit + 1e-9)
+
+
+def _neutral(model: Model, n: int, tool: np.ndarray, payload: float) -> Conditions:
+    """Conditions under which only load acts: every column that an effect needs at its reference value."""
+    needed = {name for f in model.effects for name in f.effect.needs}
+    columns = {name: np.full(n, 20.0 if name.startswith("temp") else 0.0) for name in needed}
+    return Conditions(np.broadcast_to(tool, (n, 3)), np.full(n, payload), columns)
+
+
+def _missed(
+    commanded: Model, real: Model, wanted: np.ndarray, conditions: Conditions
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the TCP of one model goes by commands of another: errors (P, 3) [m] and status (P,)."""
+    commands = compensation.compensate(commanded, wanted, conditions=conditions)
+    good = commands.status == "ok"
+    errors, status = np.full(wanted.shape, np.nan), commands.status.astype("<U20")
+    if good.any():
+        p = prediction.predict(real, commands.q[good], conditions.take(good))
+        errors[good] = p.position - wanted[good]
+        status[good] = p.status
+    errors[status != "ok"] = np.nan
+    errors[:, grid.uncommanded(real.robot)] *= 0.0
+    return errors, status

@@ -1,0 +1,60 @@
+"""Opening recordings in the Rerun viewer, as a window or in the browser."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from pcalib.errors import InputError
+from pcalib.view.recording import sdk
+
+
+def recording_of(run: Path) -> Path:
+    """The recording that `run` means: the file itself, or the only .rrd of a folder.
+
+    Raises:
+        InputError: no such file or folder, or a folder with no recording or several.
+    """
+    if run.is_file():
+        with run.open("rb") as file:
+            if not file.read(4).startswith(b"RRF"):
+                raise InputError("this is no recording (.rrd), and no model file (.toml) either", file=run)
+        return run
+    if not run.exists():
+        raise InputError("no such file or folder", file=run, remedy="check the path; 'pcbench demo' makes out/demo")
+    found = sorted(run.glob("*.rrd"))
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise InputError("no recording (.rrd) in this folder", file=run, remedy="name one that a command has written")
+    raise InputError(
+        f"{len(found)} recordings in this folder", file=run, remedy=f"name one: {', '.join(f.name for f in found)}"
+    )
+
+
+def show(recording: Path, browser: bool = False) -> None:
+    """Open a recording and wait until the viewer is closed.
+
+    Raises:
+        InputError: there is no screen, or the viewer does not start.
+    """
+    sdk()
+    import rerun_cli
+
+    program = Path(rerun_cli.__file__).parent / ("rerun.exe" if sys.platform == "win32" else "rerun")
+    options = ["--bind", "127.0.0.1", "--port", "auto"]
+    if browser:
+        options += ["--web-viewer", "--web-viewer-port", "0"]
+    elif sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError(
+            "there is no screen here to open the viewer on",
+            remedy="add --browser, or --save FILE.rrd and open it elsewhere: rerun FILE.rrd",
+        )
+    try:
+        code = subprocess.run([program, *options, str(recording)], check=False).returncode
+    except OSError as error:
+        raise InputError(f"the viewer cannot be started: {error.strerror}", file=program) from None
+    if code > 0:
+        raise InputError(f"the viewer ended with an error (exit code {code})", file=recording)
