@@ -46,14 +46,15 @@ def test_equals_time_stepping_to_rest():
     model.dof_armature[machine.loops.driven_dof[:3]] = 1e12  # the motors stand
     mujoco.mj_setConst(model, mujoco.MjData(model))
     tool, stepped = data.body("tool"), []
-    for _ in range(2):
-        for _ in range(5000):
-            mujoco.mj_step(model, data)
+    for _ in range(10000):
+        mujoco.mj_step(model, data)
         stepped.append(tool.xpos + tool.xmat.reshape(3, 3) @ TOOL)
+    stepped = np.array(stepped[5000:])
     moved = np.linalg.norm(rest - rigid)
     assert moved > 5e-4
-    assert np.linalg.norm(stepped[1] - stepped[0]) < 3e-4 * moved  # it hangs still
-    assert np.linalg.norm(stepped[1] - rest) < 5e-4 * moved  # constraints of a stepped model are soft
+    # Stiff, soft constraints leave a tremor of a micrometre about the place of rest.
+    assert np.linalg.norm(stepped.std(axis=0)) < 2e-3 * moved
+    assert np.linalg.norm(stepped.mean(axis=0) - rest) < 5e-4 * moved
 
 
 def test_loops_and_forces_balance_to_rounding():
