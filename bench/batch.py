@@ -32,6 +32,8 @@ MAX_ITERATIONS = 12
 """A start near the pose needs 3; what takes longer than this is walked to."""
 
 
+POSITION = int(mujoco.mjtStage.mjSTAGE_POS)  # type: ignore[attr-defined]
+"""Of MuJoCo's forward stages, the one that knows tendon lengths and their Jacobian."""
 Near = tuple[np.ndarray, np.ndarray]
 """Plate positions (N, 3) [m] and orientations (N, 3, 3)."""
 
@@ -160,7 +162,7 @@ class BatchMachine:
         open_rows = np.arange(n)
         residual, sign = np.full(n, np.inf), np.zeros(n)
         for iteration in range(MAX_ITERATIONS + 1):
-            self._batch.forward(open_rows, mujoco.mjtStage.mjSTAGE_POS)
+            self._batch.forward(open_rows, POSITION)
             f = lengths[open_rows][:, self._rods] - self._length
             J = stored[open_rows[:, None, None], self._columns]
             residual[open_rows] = size = np.sqrt(np.einsum("ni,ni->n", f, f))

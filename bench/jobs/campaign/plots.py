@@ -1,0 +1,201 @@
+"""The plots of a campaign: how errors are distributed, and how they grow with tool, noise, poses, whatever is swept."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.jobs.campaign.summary import Group, Summary, select, short, tool_text
+from pcalib import units
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#D55E00", "#0072B2", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9", "#999999")
+"""One per method; the colour-blind can tell them apart."""
+LINES = ("-", "--", "-.", "-", ":", "-", "--", "-.")
+STYLE: Any = {
+    "font.size": 9, "axes.titlesize": 10, "axes.titlelocation": "left", "axes.grid": True, "grid.color": "#dddddd",
+    "grid.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False, "lines.linewidth": 1.6,
+    "lines.markersize": 4.5, "legend.frameon": False, "svg.hashsalt": "pcbench", "text.parse_math": False,
+}  # fmt: skip
+BAND = (5.0, 95.0)
+"""Percentiles over robots that bands reach from and to."""
+MOST_CELLS = 6
+
+
+def write(summary: Summary, folder: Path) -> list[Path]:
+    """Draw everything into a folder, SVG and PNG; returns the SVG files.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    out = []
+    with matplotlib.rc_context(STYLE):
+        for name, draw in _plots(summary):
+            figure = Figure(layout="constrained")
+            draw(figure)
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")  # laid out once for both files
+            for suffix in (".svg", ".png"):
+                path = folder / f"{name}{suffix}"
+                figure.savefig(path, dpi=150, metadata={"Date": None} if suffix == ".svg" else None)
+            out.append(folder / f"{name}.svg")
+    return out
+
+
+def _plots(summary: Summary) -> Iterator[tuple[str, Callable[[Figure], None]]]:
+    if not any(len(g.rms) for g in summary.groups):
+        return
+    cells = sorted({g.cell for g in summary.groups})[:MOST_CELLS]
+    yield "distributions", lambda figure: distributions(figure, summary, cells)
+    if len({g.tool_length for g in summary.groups}) > 1:
+        yield "tool_length", lambda figure: tool_length(figure, summary, cells)
+    drawn: list[str] = []
+    for path in summary.paths:
+        values = {short(cell[path]) for cell in summary.about["cells"]}
+        if len(values) > 1 and not any(_together(summary, path, other) for other in drawn):
+            drawn.append(path)
+            name = re.sub(r"[^A-Za-z0-9]+", "_", path)
+            yield f"against_{name}", lambda figure, path=path: against(figure, summary, path)
+
+
+def distributions(figure: Figure, summary: Summary, cells: Sequence[int]) -> None:
+    """Share of robots whose RMS error is below a value: one row per cell, one column per tool."""
+    tools = _tools(summary)
+    axes = _panels(figure, len(cells), len(tools), 1.7)
+    for row, cell in enumerate(cells):
+        for column, tool in enumerate(tools):
+            ax, here = axes[row, column], select(summary.groups, cell=cell, tool=tool)
+            for look, method in _methods(summary):
+                for g in select(here, method=method):
+                    if len(g.rms):
+                        x = np.sort(g.rms) * 1e6
+                        y = 100 * (np.arange(len(x)) + 0.5) / len(x)
+                        ax.plot(np.r_[x[0], x, x[-1]], np.r_[0, y, 100], **look, label=method)
+            _logarithmic(ax.xaxis)
+            ax.set_ylim(0, 100)
+            if row == 0 and here:
+                ax.set_title(f"tool {tool_text(here[0])} mm")
+            if column == 0:
+                ax.set_ylabel("\n".join([*_told(summary.about["cells"][cell], summary.paths), "robots below, %"]))
+            if row == len(cells) - 1:
+                ax.set_xlabel("RMS error of a robot, µm")
+    _finish(figure, axes, f"{summary.about['name']}: how many robots are how accurate")
+
+
+def tool_length(figure: Figure, summary: Summary, cells: Sequence[int]) -> None:
+    """RMS error against tool length, median and 5–95 % of the robots, one panel per cell."""
+    across = min(len(cells), 3)
+    axes = _panels(figure, -(-len(cells) // across), across, 2.2)
+    for ax in axes.flat[len(cells) :]:
+        ax.set_visible(False)
+    for ax, cell in zip(axes.flat, cells, strict=False):
+        here = select(summary.groups, cell=cell)
+        for look, method in _methods(summary):
+            _band(ax, [(g.tool_length * 1e3, g) for g in select(here, method=method)], look, method)
+        _logarithmic(ax.yaxis)
+        ax.set_xlabel("tool length, mm")
+        ax.set_title("\n".join(_told(summary.about["cells"][cell], summary.paths)), fontsize=8)
+    axes[0, 0].set_ylabel("RMS error of a robot, µm")
+    _finish(figure, axes, f"{summary.about['name']}: accuracy and tool length")
+
+
+def against(figure: Figure, summary: Summary, path: str) -> None:
+    """RMS error against one swept value, one column per tool, one row per combination of the other values."""
+    points = summary.about["cells"]
+    others = [p for p in summary.paths if p != path and not _together(summary, p, path)]
+    rows = list(dict.fromkeys(tuple(short(point[p]) for p in others) for point in points))[:6]
+    tools = _tools(summary)
+    axes = _panels(figure, len(rows), len(tools), 2.1)
+    values = [point[path] for point in points]
+    numeric = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values)
+    names = list(dict.fromkeys(short(v) for v in values))
+    for row, combination in enumerate(rows):
+        for column, tool in enumerate(tools):
+            ax = axes[row, column]
+            here = select(summary.groups, tool=tool)
+            here = [g for g in here if tuple(short(g.point[p]) for p in others) == combination]
+            for look, method in _methods(summary):
+                at = select(here, method=method)
+                x = [g.point[path] if numeric else names.index(short(g.point[path])) for g in at]
+                _band(ax, list(zip(x, at, strict=True)), look, method)
+            _logarithmic(ax.yaxis)
+            if numeric and min(values) > 0 and max(values) > 5 * min(values):
+                ax.set_xscale("log")
+                ax.set_xticks(sorted(set(values)), [short(v) for v in sorted(set(values))])
+                ax.set_xticks([], minor=True)
+            elif not numeric:
+                ax.set_xticks(range(len(names)), names)
+            if row == 0 and here:
+                ax.set_title(f"tool {tool_text(here[0])} mm")
+            if column == 0:
+                told = _told(here[0].point, others) if here else []
+                ax.set_ylabel("\n".join([*told, "RMS error, µm"]))
+            if row == len(rows) - 1:
+                ax.set_xlabel(path)
+    _finish(figure, axes, f"{summary.about['name']}: accuracy and {path}")
+
+
+def _panels(figure: Figure, rows: int, columns: int, height: float) -> Any:
+    figure.set_size_inches(2.9 * columns + 1.0, height * rows + 1.1)
+    return figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+
+
+def _finish(figure: Figure, axes: Any, title: str) -> None:
+    figure.suptitle(title, x=0.01, ha="left", weight="bold")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4))
+
+
+def _logarithmic(axis: Any) -> None:
+    """A logarithmic axis in plain numbers."""
+    (axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale)("log")
+    axis.set_major_formatter(lambda value, _: f"{value:g}" if value < 1 else f"{value:,.0f}".replace(",", " "))
+    axis.set_minor_formatter(lambda value, _: "")
+
+
+def _band(ax: Axes, points: Sequence[tuple[float, Group]], look: dict[str, Any], method: str) -> None:
+    usable = sorted(((x, g) for x, g in points if len(g.rms)), key=lambda point: point[0])
+    if not usable:
+        return
+    x = [at for at, _ in usable]
+    middle, low, high = (np.array([g.percentile(s) for _, g in usable]) * 1e6 for s in (50.0, *BAND))
+    ax.fill_between(x, low, high, color=look["color"], alpha=0.13, lw=0)
+    ax.plot(x, middle, **look, marker="o", label=method)
+
+
+def _methods(summary: Summary) -> Iterator[tuple[dict[str, Any], str]]:
+    for i, method in enumerate(dict.fromkeys(g.method for g in summary.groups)):
+        yield {"color": COLOURS[i % len(COLOURS)], "linestyle": LINES[i % len(LINES)]}, method
+
+
+def _tools(summary: Summary) -> list[str]:
+    lengths = {g.tool: g.tool_length for g in summary.groups}
+    return sorted(lengths, key=lambda tool: (lengths[tool], tool))[:4]
+
+
+def _told(point: Mapping[str, Any], paths: Sequence[str]) -> list[str]:
+    """Swept values as people write them: 'sigma length 0.1 mm'."""
+    out = []
+    for path in paths:
+        quantity, unit = units.split(path.rpartition(".")[2])
+        told = units.spoken(unit.suffix) if unit else ""
+        out.append(f"{quantity.replace('_', ' ')} {short(point[path])} {told}".strip().replace(" °", "°"))
+    return out
+
+
+def _together(summary: Summary, a: str, b: str) -> bool:
+    """Whether two paths vary together: one value of the one for each of the other."""
+    pairs = {(short(point[a]), short(point[b])) for point in summary.about["cells"]}
+    return len(pairs) == len({pair[0] for pair in pairs}) == len({pair[1] for pair in pairs})

@@ -1,0 +1,206 @@
+"""What a campaign found, in figures per cell, method and tool; from the results file, a row group at a time."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from bench.jobs.campaign.store import KEY
+from pcalib import table as tables
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """All robots of one cell, with one method and one tool."""
+
+    cell: int
+    point: Mapping[str, Any]
+    """The swept values of the cell."""
+    method: str
+    tool: str
+    tool_length: float
+    """[m]"""
+    robot: np.ndarray
+    """(n,) numbers of the robots that gave figures."""
+    rms: np.ndarray
+    """(n,) [m] RMS TCP error of each robot over its targets."""
+    largest: np.ndarray
+    """(n,) [m] largest TCP error of each robot."""
+    failed: int
+    reached: float
+    """Share of the targets that robots which gave figures reached."""
+
+    @property
+    def pooled(self) -> float:
+        """[m] RMS over all robots and targets."""
+        return float(np.sqrt(np.mean(self.rms**2))) if len(self.rms) else float("nan")
+
+    def percentile(self, share: float) -> float:
+        """[m] RMS error that this share of the robots (in percent) stays below."""
+        return float(np.percentile(self.rms, share)) if len(self.rms) else float("nan")
+
+    @property
+    def worst(self) -> float:
+        """[m] largest error of all."""
+        return float(self.largest.max(initial=0.0)) if len(self.largest) else float("nan")
+
+    @property
+    def worst_robot(self) -> int | None:
+        """Number of the robot with the largest RMS error."""
+        return int(self.robot[np.argmax(self.rms)]) if len(self.rms) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """A campaign's results in figures."""
+
+    about: Mapping[str, Any]
+    """The metadata of the results: name, seed, cells, versions, spec."""
+    groups: tuple[Group, ...]
+    reasons: Mapping[str, int]
+    """Why rows have no figures, with their number, the most frequent first."""
+
+    @property
+    def paths(self) -> list[str]:
+        """What is swept."""
+        return list(self.about["cells"][0])
+
+    @property
+    def failed(self) -> int:
+        """Rows without figures."""
+        return sum(self.reasons.values())
+
+
+def read(results: Path) -> Summary:
+    """The summary of a results file."""
+    file = pq.ParquetFile(results)
+    about = json.loads((file.schema_arrow.metadata or {})[KEY])
+    gathered: dict[tuple[int, str, str, float], list[list[np.ndarray]]] = {}
+    counts: dict[tuple[int, str, str, float], np.ndarray] = {}
+    reasons: Counter[str] = Counter()
+    numbers = ["cell", "robot", "reached", "targets", "rms_um", "max_um"]
+    wanted = [*numbers, "method", "tool", "tool_length_mm", "status", "reason"]
+    for number in range(file.num_row_groups):
+        table = file.read_row_group(number, columns=wanted)
+        ok = np.array(table["status"].to_pylist()) == "ok"
+        reasons.update(reason for reason, fine in zip(table["reason"].to_pylist(), ok, strict=True) if not fine)
+        values = {name: table[name].to_numpy() for name in numbers}
+        keys = list(
+            zip(*(table[name].to_pylist() for name in ("cell", "method", "tool", "tool_length_mm")), strict=True)
+        )
+        rows: dict[tuple[int, str, str, float], list[int]] = {}
+        for row, key in enumerate(keys):
+            rows.setdefault(key, []).append(row)
+        for key, where in rows.items():
+            here = np.array(where)
+            good = here[ok[here]]
+            gathered.setdefault(key, []).append([values[name][good] for name in ("robot", "rms_um", "max_um")])
+            told = np.array([len(here) - len(good), values["reached"][good].sum(), values["targets"][good].sum()])
+            counts[key] = counts.get(key, 0) + told
+    groups = []
+    for key in gathered:
+        robot, rms, largest = (np.concatenate(part) for part in zip(*gathered[key], strict=True))
+        failed, reached, targets = counts[key]
+        cell, method, tool, length = key
+        share = float(reached / targets) if targets else 0.0
+        point = about["cells"][cell]
+        groups.append(
+            Group(cell, point, method, tool, length * 1e-3, robot, rms * 1e-6, largest * 1e-6, int(failed), share)
+        )
+    return Summary(about, tuple(groups), dict(reasons.most_common()))
+
+
+HEADER = ("method", "tool mm", "robots", "failed", "reached", "RMS µm", "median", "95 % below", "max µm", "worst robot")
+
+
+def table(summary: Summary) -> tuple[list[str], list[list[str]]]:
+    """Header and rows for people: pooled RMS, median and 95th percentile over robots of their RMS, largest error."""
+    rows = []
+    for g in summary.groups:
+        figures = [g.pooled, g.percentile(50), g.percentile(95), g.worst]
+        rows.append(
+            [
+                *(short(g.point[path]) for path in summary.paths),
+                g.method,
+                tool_text(g),
+                str(len(g.rms)),
+                str(g.failed or ""),
+                f"{100 * g.reached:.1f} %" if g.reached < 1 else "all",
+                *(micrometres(v) for v in figures),
+                "–" if g.worst_robot is None else str(g.worst_robot),
+            ]
+        )
+    ends = [path.rpartition(".")[2] for path in summary.paths]
+    return [*(ends if len(set(ends)) == len(ends) else summary.paths), *HEADER], rows
+
+
+def write_csv(summary: Summary, path: Path) -> Path:
+    """The figures of every group, one row each."""
+    columns: dict[str, list[str]] = {}
+    for g in as_json(summary)["groups"]:
+        flat = {**{key: value for key, value in g.items() if key != "sweep"}, **g["sweep"]}
+        for key, value in flat.items():
+            text = "" if value is None else f"{value:.9g}" if isinstance(value, float) else str(value)
+            columns.setdefault(key, []).append(text)
+    tables.write(path, columns, {"campaign": summary.about["name"]})
+    return path
+
+
+def as_json(summary: Summary) -> dict[str, Any]:
+    """The same, as stable keys."""
+    return {
+        "schema": "pcbench.campaign/1",
+        "name": summary.about["name"],
+        "seed": summary.about["seed"],
+        "robots": summary.about["robots"],
+        "versions": summary.about["versions"],
+        "groups": [
+            {
+                "cell": g.cell,
+                "sweep": g.point,
+                "method": g.method,
+                "tool": g.tool,
+                "robots": len(g.rms),
+                "failed": g.failed,
+                "reached": g.reached,
+                "rms_um": g.pooled * 1e6,
+                "rms_median_um": g.percentile(50) * 1e6,
+                "rms_p95_um": g.percentile(95) * 1e6,
+                "max_um": g.worst * 1e6,
+                "worst_robot": g.worst_robot,
+            }
+            for g in summary.groups
+        ],
+        "failures": summary.reasons,
+    }
+
+
+def tool_text(group: Group) -> str:
+    """A tool as tables show it: its length, or all of it where it does not hang straight down."""
+    straight = group.tool.startswith("0,0,-") or group.tool == "0,0,0mm"
+    return f"{group.tool_length * 1e3:g}" if straight else group.tool.removesuffix("mm")
+
+
+def micrometres(value: float) -> str:
+    """Three digits or so of a length in µm."""
+    um = value * 1e6
+    if not np.isfinite(um):
+        return "–"
+    return f"{um:,.0f}" if um >= 999.5 else f"{um:.3g}" if um < 99.95 else f"{um:.0f}"
+
+
+def short(value: Any) -> str:
+    """A swept value as tables show it."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def select(groups: Sequence[Group], **wanted: Any) -> list[Group]:
+    """The groups whose attributes have these values."""
+    return [g for g in groups if all(getattr(g, name) == value for name, value in wanted.items())]
