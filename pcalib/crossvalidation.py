@@ -140,8 +140,9 @@ def rod_errors(model: Model, data: Measurements, error: np.ndarray, p: Predictio
     tcp = p.pose.tcp(p.tool) + d[:, :3] @ turn
     pose = Pose(tcp - (R @ p.tool[..., None])[..., 0], R, p.pose.phi)
     at = kinematics.closure(mechanism, model.k, p.q, pose, deviation=p.deviation)
-    f = at.f
+    f = at.f.copy()
     if mechanism.hinges:  # their angles are not measured: what they can take up is no error of a rod
         J = kinematics.jacobian_state(mechanism, at, pose)[..., len(mechanism.plate_dofs) :]
         f = f - (J @ np.linalg.pinv(J) @ f[..., None])[..., 0]
-    return np.where(full[:, None], f, np.nan)
+    f[~full] = np.nan
+    return f

@@ -21,8 +21,9 @@ from pcalib.prediction import Conditions
 
 FAR = 20.0
 """Manufacturing tolerances beyond which a value is not taken on trust."""
-CHEAP = 3.0
-"""The RMS may grow this much when a value is held at the drawing, and the data still do not insist on it."""
+HIDDEN = 30.0
+"""A change whose trace the other unknowns can make this many times smaller is hidden by them: the square root of the
+variance inflation factor."""
 SETTINGS = (".offset", ".zero")
 """Endings of unknowns that are set and not made: zeros of encoders, endstops and legs may lie anywhere."""
 SCALE = 2e-4
@@ -51,6 +52,8 @@ class Doubt:
     """1σ with that reading [SI]."""
     rods_free: bool = True
     """Whether the fit may change the length of rods."""
+    geared: bool = False
+    """Whether commands are lengths, which a wrong number of motor steps scales."""
 
     def sentence(self) -> str:
         """The doubt in words."""
@@ -60,6 +63,7 @@ class Doubt:
                 "absolute scale is weak: lengths along directions that were not measured are uncertain by "
                 f"{percent} % (a part of 100 mm by {percent} mm), however small the residual"
                 + ("" if self.rods_free else ", and only if the rods are as long as drawn")
+                + (": a wrong motion per motor step looks the same" if self.geared else "")
             )
         else:
             text = (
@@ -106,6 +110,8 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
         return []
     used = ~data.check
     seen = data.mask[used] & ~np.isnan(fit.error[used])
+    if fit.unknowns.level.perfect and seen[:, :3].any():
+        seen[:, 3:] = False
     chi2 = float(np.sum((fit.error[used][seen] / data.sigma[used][seen]) ** 2))
     # Where more is left than the stated noise, all σ are that much larger.
     inflate = max(1.0, np.sqrt(fit.fit.chi2_dof)) if np.isfinite(fit.fit.chi2_dof) else 1.0
@@ -118,7 +124,10 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.sqrt(1 + (change / sigma * inflate) ** 2 / max(chi2, 1e-30))
     made = [not name.endswith(SETTINGS) for name in unknowns.names[:g]]
-    suspects = [j for j in np.argsort(-far / growth) if made[j] and far[j] > FAR and growth[j] < CHEAP]
+    S, _, _ = _geometry(fit, data.q[used], data.tool[used])
+    trace = np.sqrt(np.sum((S[seen] / data.sigma[used][seen][:, None]) ** 2, axis=0))
+    hidden = sigma / inflate * trace
+    suspects = [j for j in np.argsort(-far * hidden) if made[j] and far[j] > FAR and hidden[j] > HIDDEN]
     wanted = [(unknowns.names[j], own[j], float(change[j]), units[j], growth[j]) for j in suspects[:most]]
     scale = _scale(fit, data)
     if scale is not None and np.sqrt(scale @ covariance @ scale) > SCALE:
@@ -140,6 +149,7 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
             Doubt(
                 name, change, now, unit, fit.fit.rms_pos, fit.fit.rms_pos * float(ratio),
                 best if helps else "", after if helps else now, rods_free,
+                mechanism.actuator_dimension == "length",
             )
         )  # fmt: skip
     return out

@@ -4,18 +4,19 @@
     pcalib fit data.csv --robot models/delta.toml --level model24 -o m24.toml
     pcalib fit data.csv --robot models/delta.toml --effect drive_compliance -o m.toml --json fit.json
     pcalib fit data.csv --robot models/delta.toml --fix l11,l12 --loss huber -o m.toml
+    pcalib fit data.csv --robot models/hexapod.toml --folds 6
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption, quantity, say, show_table, write_json
+from pcalib.cli.frame import JsonOption, progress, quantity, say, show_table, write_json
 
 if TYPE_CHECKING:
     from pcalib.identification import Fit
@@ -35,6 +36,7 @@ def command(
     bound: tuple[str, ...] = (),
     length_tolerance: Annotated[np.ndarray | None, quantity("length")] = None,
     angle_tolerance: Annotated[np.ndarray | None, quantity("angle")] = None,
+    folds: int = 0,
     json: JsonOption = None,
 ) -> int | None:
     """Identify a robot's geometry, and effects named, from measured poses.
@@ -46,7 +48,7 @@ def command(
         data: Measurement file, CSV or Parquet.
         robot: Robot file (TOML).
         output: Model file to write.
-        level: Geometry level: nominal, classical, model24 or complete.
+        level: Geometry level: nominal, classical, model24 or complete; further ones by robot kind (docs/robots.md).
         effect: Effect to identify too: NAME, NAME:arm, or file.py:Class; may be given several times.
         method: map (priors), base (identifiable base, no priors) or linear (the paper's one step).
         loss: linear, huber or cauchy; the latter two weigh rows far off down, and report them.
@@ -54,8 +56,9 @@ def command(
         bound: NAME=LOW,HIGHunit: bounds on a parameter's change from nominal, e.g. l11=-0.5,0.5mm.
         length_tolerance: 1σ manufacturing prior of lengths; 0.1mm when absent.
         angle_tolerance: 1σ manufacturing prior of angles; 0.05deg when absent.
+        folds: Cross-validate too: fit this many times without a part of the rows, which is predicted.
     """
-    from pcalib import identification, measurement, modelfile, summary
+    from pcalib import crossvalidation, identification, measurement, modelfile, summary, trust
     from pcalib import robot as robots
     from pcalib.model import Model
 
@@ -66,20 +69,31 @@ def command(
         prior["m"] = float(length_tolerance[0])
     if angle_tolerance is not None:
         prior["rad"] = float(angle_tolerance[0])
-    found = identification.fit(
-        measured,
-        Model.nominal(described),
-        level,
-        effects=[start_effect(spec, described, measured.columns) for spec in effect],
-        method=method,
-        loss=loss,
-        fixed=[name.strip() for names in fix for name in names.split(",")],
-        bounds=dict(_bound(text) for text in bound),
-        prior=prior,
-    )
-    write_json(json, summary.fit_json(found))
+    start = Model.nominal(described)
+    options: dict[str, Any] = {
+        "effects": [start_effect(spec, described, measured.columns) for spec in effect],
+        "method": method,
+        "loss": loss,
+        "fixed": [name.strip() for names in fix for name in names.split(",")],
+        "bounds": dict(_bound(text) for text in bound),
+        "prior": prior,
+    }
+    found = identification.fit(measured, start, level, **options)
+    content = summary.fit_json(found)
+    doubts = trust.doubts(found, measured) if found.status == "converged" else []
+    content["doubts"] = trust.json(doubts)
+    write_json(json, content)
     show(found)
+    for doubt in doubts:
+        say(f"- {doubt.sentence()}")
     usable = found.model  # refuses with the reason
+    if folds:
+        with progress("cross-validating", folds) as advance:
+            held = crossvalidation.cross_validate(measured, start, level, folds, tick=advance, **options)
+        content["cross_validation"] = held.json()
+        write_json(json, content)
+        rods = f"; apparent rod-length errors {held.rms_rod * 1e6:.1f} µm" if held.rms_rod == held.rms_rod else ""
+        say(f"Cross-validated in {folds} folds: {held.rms_pos * 1e6:.1f} µm RMS at poses not fitted{rods}.")
     if output is not None:
         figures = summary.statistics(found)
         entry = modelfile.snapshot(usable, "fit", data=data.name, **figures)
