@@ -1,0 +1,52 @@
+"""Write data sets with hidden faults whose truth lies sealed beside them.
+
+    pcbench blind --seed 1 -n 20 -o blind
+    pcalib fit blind/001.csv --robot blind/robot.toml -o blind/001.toml
+    pcalib diagnose blind/001.csv --model blind/001.toml --json blind/001.diagnosis.json
+    pcbench score blind
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def command(
+    *,
+    output: Annotated[Path, Parameter(name=("--output", "-o"))],
+    n: Annotated[int, Parameter(name="-n")] = 20,
+    seed: int = 0,
+    robot: Path | None = None,
+    workers: int = 1,
+) -> None:
+    """Write data sets with hidden faults whose truth lies sealed beside them.
+
+    Each is a robot with random geometric errors and, by chance, nothing else wrong, one physical effect, two, or
+    something that no library lists. Sizes are set in units of noise, as far as they show once the geometry has been
+    refitted. Poses, conditions and instrument differ: rich and plain plans, full poses and positions only, noise stated
+    right and wrong. What is hidden where stands in the folder `sealed`, to be opened by `pcbench score`.
+
+    Args:
+        output: New folder for data, robot file and sealed truths.
+        n: Number of data sets.
+        seed: The same seed gives the same bytes.
+        robot: Robot file; the default Delta where absent.
+        workers: Processes that share the work.
+    """
+    from bench.jobs import blind
+    from pcalib import robot as robots
+    from pcalib.cli import frame
+
+    path = robot or Path(__file__).resolve().parents[2] / "models" / "delta.toml"
+    with frame.progress("hiding faults", n) as advance:
+        made = blind.make(robots.load(path), output, n, seed, workers, advance)
+    frame.say(f"{output}: {len(made)} data sets, {made[0].name} to {made[-1].name}, and robot.toml")
+    frame.say(f"{output / blind.SEALED}: what is hidden in them, sealed")
+    frame.say(
+        f"Diagnose each, e.g. pcalib fit {made[0]} --robot {output / 'robot.toml'} -o {made[0].with_suffix('.toml')}; "
+        f"pcalib diagnose {made[0]} --model {made[0].with_suffix('.toml')} --json {made[0].with_suffix('.diagnosis.json')}; "
+        f"then pcbench score {output}"
+    )

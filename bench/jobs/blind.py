@@ -1,0 +1,169 @@
+"""Blind tests: data files whose hidden faults lie sealed beside them, to be diagnosed and then scored.
+
+    DIR/001.csv …                   the data
+    DIR/robot.toml                  the robot as drawn
+    DIR/sealed/001.truth.toml …     the robot as it is, for `pcbench verify`
+    DIR/sealed/001.json …           what is hidden and how visible it is, for `pcbench score`
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench import truth as truths
+from bench.jobs.hidden import case as cases
+from bench.jobs.hidden import catalogue
+from bench.jobs.hidden.case import Case
+from bench.jobs.hidden.catalogue import CATALOGUE, Hidden
+from bench.jobs.hidden.design import DESIGNS, Design
+from bench.jobs.hidden.grading import SLACK, Facts
+from bench.jobs.hidden.stage import Stage, suits
+from pcalib import files, measurement
+from pcalib import robot as robots
+from pcalib.errors import InputError
+from pcalib.measurement import Measurements
+from pcalib.robot import Robot
+
+SCHEMA = "pcbench.sealed/1"
+SEALED = "sealed"
+STREAM = 0xB11D
+KINDS = {"none": 0.2, "single": 0.5, "pair": 0.15, "outside": 0.15}
+"""How often each kind comes."""
+SIZES = (4.0, 20.0)
+"""Visible sizes s (of pairs and unlisted faults: s⊥), log-uniform."""
+PAIRED = 8.0
+"""Smallest s⊥ of pairs and of faults that no library lists."""
+TRIES = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Blind:
+    """One data set and its truth."""
+
+    data: Measurements
+    truth: str
+    """Text of its truth file."""
+    facts: dict[str, Any]
+    """What its JSON says."""
+
+
+def make(
+    robot: Robot,
+    folder: Path,
+    n: int,
+    seed: int = 0,
+    workers: int = 1,
+    advance: Callable[[], None] = lambda: None,
+) -> list[Path]:
+    """Write n data sets and their sealed truths; the same seed gives the same bytes.
+
+    Raises:
+        InputError: the folder cannot be written, or holds other data sets.
+    """
+    if n < 1 or seed < 0 or workers < 1:
+        raise InputError(f"{n} data sets of seed {seed} on {workers} processes make no sense", remedy="use positive numbers")
+    if folder.exists() and any(folder.glob("*.csv")):
+        raise InputError("there are data sets in this folder already", file=folder, remedy="name a new folder with -o")
+    (folder / SEALED).mkdir(parents=True, exist_ok=True)
+    files.write_text(folder / "robot.toml", robot.text)
+    out = []
+    for index, blind in enumerate(_drawn(robot, n, seed, workers), 1):
+        path = folder / f"{index:03d}.csv"
+        measurement.save(path, blind.data)
+        files.write_text(folder / SEALED / f"{index:03d}.truth.toml", blind.truth)
+        content = {"schema": SCHEMA, "data": path.name, **blind.facts}
+        files.write_text(folder / SEALED / f"{index:03d}.json", json.dumps(content, indent=2) + "\n")
+        out.append(path)
+        advance()
+    return out
+
+
+def _drawn(robot: Robot, n: int, seed: int, workers: int):
+    if workers == 1:
+        return (draw(robot, seed, index) for index in range(1, n + 1))
+    import joblib
+
+    text = robot.text
+    return joblib.Parallel(n_jobs=workers, return_as="generator")(
+        joblib.delayed(_draw)(text, seed, index) for index in range(1, n + 1)
+    )
+
+
+def _draw(text: str, seed: int, index: int) -> Blind:
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        return draw(robots.parse(text, "robot"), seed, index)
+
+
+def draw(robot: Robot, seed: int, index: int) -> Blind:
+    """One data set: design, robot, poses, faults and noise depend on seed and index alone."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, index)))
+    design = DESIGNS[str(rng.choice(list(DESIGNS)))]
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    stage = Stage.draw(design, robot, int(rng.integers(2**31)))
+    size = float(np.round(np.exp(rng.uniform(*np.log(SIZES))), 1))
+    case = _case(kind, stage, size, rng)
+    noise = int(rng.integers(2**31))
+    facts = {
+        "kind": case.facts.kind,
+        "design": design.name,
+        "effects": list(case.facts.effects),
+        "faults": [
+            {"fault": name, "effect": CATALOGUE[name].effect, "s": s}
+            for name, s in zip(case.facts.faults, case.sizes, strict=True)
+        ],
+        "s": case.facts.size,
+        "s_outside": case.facts.distance,
+        "nearest": list(case.nearest),
+        "sigma_pos_um": design.sigma_pos * 1e6,
+        "sigma_rot_urad": design.sigma_rot * 1e6,
+        "stated_over_true": design.stated,
+    }
+    truth = truths.dumps(stage.truth(case.hidden), {"job": "blind", "seed": seed, "index": index, "noise_seed": noise})
+    return Blind(case.measure(noise), truth, facts)
+
+
+def _case(kind: str, stage: Stage, size: float, rng: np.random.Generator) -> Case:
+    """Faults are drawn until they reach the size on these poses."""
+
+    def drawn(names: tuple[str, ...], count: int) -> list[tuple[Hidden, Any]]:
+        usable = [w for w in map(CATALOGUE.__getitem__, names) if suits(w, stage.design, stage.robot) and not w.companion]
+        chosen = [usable[i] for i in rng.choice(len(usable), count, replace=False)]
+        return [(w, w.draw(stage.robot, rng, uneven=bool(rng.random() < 0.3))) for w in chosen]
+
+    for _ in range(TRIES):
+        if kind == "single":
+            [(what, fault)] = drawn(catalogue.LISTED, 1)
+            case = cases.single(stage, what, fault, size)
+            if case.facts.size >= SLACK * size:
+                return case
+        elif kind == "pair":
+            both = drawn(catalogue.LISTED, 2)
+            if len({what.effect for what, _ in both}) < 2:
+                continue
+            case = cases.pair(stage, [w for w, _ in both], [f for _, f in both], max(size, PAIRED))
+            if case is not None:
+                return case
+        elif kind == "outside":
+            [(what, fault)] = drawn(catalogue.UNLISTED, 1)
+            case = cases.outside(stage, what, fault, max(size, PAIRED))
+            if case.facts.distance >= SLACK * max(size, PAIRED):
+                return case
+    return cases.nothing(stage)
+
+
+def facts_of(content: dict[str, Any]) -> Facts:
+    """The facts of a sealed JSON."""
+    return Facts(
+        tuple(sorted(content["effects"])),
+        tuple(f["fault"] for f in content["faults"]),
+        float(content["s"]),
+        float(content["s_outside"]),
+    )

@@ -1,0 +1,1 @@
+"""Robots with something hidden in them, of a known visible size: what blind tests and the benchmark are made of."""

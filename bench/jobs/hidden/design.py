@@ -1,0 +1,65 @@
+"""How data are taken: poses, conditions and instrument, and what the data file says of its noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.instrument import Instrument
+
+POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.2), (0.12, 0.0, -0.1))
+"""[m] Measured points of a rich plan: on the plate, below it, and to the side."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """One way to take data."""
+
+    name: str
+    plan: str = "rich"
+    """'rich': payloads, directions, replicates, temperatures, time; 'plain': none of it."""
+    rotations: bool = True
+    """Whether the instrument sees the plate turn."""
+    points: tuple[tuple[float, float, float], ...] = POINTS
+    """(T, 3) [m] measured points in the plate frame."""
+    stated: float = 1.0
+    """σ in the data file over the σ there is."""
+    rows: int = 120
+    check: int = 30
+    sigma_pos: float = 15e-6
+    """[m] the σ there is, per component."""
+    sigma_rot: float = 60e-6
+    """[rad]"""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """What is recorded beside command and reading."""
+        if self.plan == "plain":
+            return ()
+        return ("payload", "time", "temp_arms", "temp_rods", "temp_base", "dir1", "dir2", "dir3")
+
+    @property
+    def tools(self) -> list[np.ndarray]:
+        """The measured points as plans take them."""
+        return [np.array(point) for point in self.points]
+
+    def instrument(self, noisy: bool = True) -> Instrument:
+        """The instrument; without noise it sees the same."""
+        kind = "pose" if self.rotations else "position"
+        if not noisy:
+            return Instrument(kind=kind)
+        return Instrument(kind=kind, sigma_pos=self.sigma_pos, sigma_rot=self.sigma_rot)
+
+
+DESIGNS = {
+    design.name: design
+    for design in (
+        Design("rich"),
+        Design("rich-position", rotations=False),
+        Design("plain", "plain", points=POINTS[:1]),
+        Design("plain-position", "plain", rotations=False, points=POINTS[1:2]),
+        Design("rich-understated", stated=0.6),
+        Design("rich-overstated", stated=1.8),
+    )
+}

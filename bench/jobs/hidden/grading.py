@@ -1,0 +1,200 @@
+"""Right or wrong: a diagnosis against what is known to be hidden, and rates against the bounds they have to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pcalib.errors import InputError
+
+VERDICTS = ("nothing_missing", "established", "ambiguous", "unexplained")
+CLEAR = 6.0
+"""s from which on a single effect has to be found."""
+FAR = 8.0
+"""s⊥ from which on something outside the library has to be called unexplained, and a pair to need both of its effects."""
+SLACK = 0.95
+"""Share of a wanted size that counts as reached."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What is hidden in one data set."""
+
+    effects: tuple[str, ...]
+    """Names that the right answer gives, sorted; empty where nothing is hidden, or nothing that a library lists."""
+    faults: tuple[str, ...]
+    """What the virtual robot calls it."""
+    size: float = 0.0
+    """s: norm of all that is visible, in noise units."""
+    distance: float = 0.0
+    """s⊥: of a pair, from the nearest single effect; of what no library lists, from the nearest two."""
+
+    @property
+    def kind(self) -> str:
+        """'none', 'single', 'pair' or 'outside'."""
+        if not self.faults:
+            return "none"
+        return {0: "outside", 1: "single"}.get(len(self.effects), "pair")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a diagnosis says."""
+
+    verdict: str
+    established: tuple[str, ...]
+    adequate: tuple[tuple[str, ...], ...]
+
+    @classmethod
+    def of_json(cls, content: Mapping[str, Any], source: object = "diagnosis") -> Answer:
+        """From the JSON of `pcalib diagnose`.
+
+        Raises:
+            InputError: it is something else.
+        """
+        schema = content.get("schema") if isinstance(content, Mapping) else None
+        if schema != "pcalib.diagnosis/1":
+            raise InputError(
+                f"schema is {schema!r}, not 'pcalib.diagnosis/1'", file=str(source),
+                remedy="write it with pcalib diagnose DATA.csv --model MODEL.toml --json FILE",
+            )  # fmt: skip
+        try:
+            answer = cls(
+                str(content["verdict"]),
+                tuple(sorted(map(str, content["established"]))),
+                tuple(tuple(sorted(map(str, names))) for names in content["adequate"]),
+            )
+        except (KeyError, TypeError) as error:
+            raise InputError(f"'{error.args[0]}' is missing or of the wrong kind", file=str(source)) from None
+        if answer.verdict not in VERDICTS:
+            raise InputError(f"verdict is '{answer.verdict}', not one of {', '.join(VERDICTS)}", file=str(source))
+        return answer
+
+
+@dataclass(frozen=True)
+class Grade:
+    """One diagnosis, judged."""
+
+    facts: Facts
+    answer: Answer
+
+    @property
+    def alarm(self) -> bool:
+        """Whether it says that something is missing."""
+        return self.answer.verdict != "nothing_missing"
+
+    @property
+    def inside(self) -> bool:
+        """Whether the truth is one of the adequate sets."""
+        return bool(self.facts.effects) and self.facts.effects in self.answer.adequate
+
+    @property
+    def found(self) -> bool:
+        """Whether the truth is named, alone or fairly beside its rivals."""
+        return self.inside and self.answer.verdict in ("established", "ambiguous")
+
+    @property
+    def wrong(self) -> tuple[str, ...]:
+        """Effects that are called established and are not there."""
+        return tuple(sorted(set(self.answer.established) - set(self.facts.effects)))
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether it says that nothing known explains the data."""
+        return self.answer.verdict == "unexplained"
+
+    @property
+    def words(self) -> str:
+        """One word for a table."""
+        kind = self.facts.kind
+        if self.wrong:
+            return "wrong"
+        if kind == "none":
+            return "false alarm" if self.alarm else "right"
+        if kind == "outside":
+            return "right" if self.unexplained else "missed" if not self.alarm else "taken for a known effect"
+        if self.inside:
+            return "right" if self.answer.verdict == "established" else "right, among rivals"
+        if not self.alarm:
+            return "missed"
+        if self.unexplained:
+            return "unexplained"
+        part = any(set(names) < set(self.facts.effects) for names in self.answer.adequate)
+        return "in part" if part and kind == "pair" else "not among the rivals"
+
+
+@dataclass(frozen=True)
+class Line:
+    """One rate and the bound that it has to keep."""
+
+    name: str
+    what: str
+    bound: float
+    at_most: bool
+    hits: int
+    n: int
+
+    @property
+    def rate(self) -> float:
+        """hits / n; NaN where nothing was asked."""
+        return self.hits / self.n if self.n else float("nan")
+
+    @property
+    def holds(self) -> bool:
+        """Whether the rate itself keeps the bound."""
+        return self.n > 0 and (self.rate <= self.bound if self.at_most else self.rate >= self.bound)
+
+    @property
+    def chance(self) -> float:
+        """Probability of a figure at least this bad where the true rate is the bound exactly."""
+        from scipy.stats import binom
+
+        if not self.n:
+            return 1.0
+        if self.at_most:
+            return float(binom.sf(self.hits - 1, self.n, self.bound))
+        return float(binom.cdf(self.hits, self.n, self.bound))
+
+    @property
+    def verdict(self) -> str:
+        """'holds', 'within chance', 'falls short' or 'not tested'."""
+        if not self.n:
+            return "not tested"
+        if self.holds:
+            return "holds"
+        return "within chance" if self.chance > 0.05 else "falls short"
+
+    def to_json(self) -> dict[str, Any]:
+        """Stable keys."""
+        return {
+            "name": self.name, "what": self.what, "bound": self.bound, "at_most": self.at_most, "hits": self.hits,
+            "n": self.n, "rate": self.rate, "p_if_at_bound": self.chance, "verdict": self.verdict,
+        }  # fmt: skip
+
+
+def line(
+    name: str, what: str, bound: float, at_most: bool, asked: Iterable[Grade], hit: Callable[[Grade], bool]
+) -> Line:
+    """A rate over the grades that are asked."""
+    hits = [hit(g) for g in asked]
+    return Line(name, what, bound, at_most, sum(hits), len(hits))
+
+
+def lines(grades: Sequence[Grade]) -> list[Line]:
+    """The bounds that every set of diagnoses has to keep."""
+    clear = [g for g in grades if g.facts.kind == "single" and g.facts.size >= SLACK * CLEAR]
+    pairs = [g for g in grades if g.facts.kind == "pair" and g.facts.distance >= SLACK * FAR]
+    outside = [g for g in grades if g.facts.kind == "outside" and g.facts.distance >= SLACK * FAR]
+    none = [g for g in grades if g.facts.kind == "none"]
+    return [
+        line("false_alarms", "nothing hidden, something found", 0.05, True, none, lambda g: g.alarm),
+        line("inside", "single effect, s ≥ 6, something found: truth among the adequate sets", 0.93, False,
+             (g for g in clear if g.alarm), lambda g: g.inside),
+        line("found", "single effect, s ≥ 6: established, or fairly A or B", 0.90, False, clear, lambda g: g.found),
+        line("false_established", "an effect called established that is not there", 0.02, True, grades,
+             lambda g: bool(g.wrong)),
+        line("pairs", "two effects that no single one explains (s⊥ ≥ 8): both in an adequate set", 0.90, False, pairs,
+             lambda g: g.inside),
+        line("outside", "in no library, s⊥ ≥ 8: called unexplained", 0.95, False, outside, lambda g: g.unexplained),
+    ]  # fmt: skip

@@ -1,0 +1,270 @@
+"""One robot of known geometry before one measurement plan: what hidden faults do there, in units of noise.
+
+The visible size of a fault is what it changes in the noise-free readings of MuJoCo, divided by the instrument's σ, with
+all that refitted geometry could take up projected out:
+
+    s = |(I − UUᵀ)·(y_with − y_without)|        U: the identified geometry's columns at the true geometry
+
+Faults are nearly linear, so a wanted size is met by one simulation at typical size and one or two corrections.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bench import faults, simulate
+from bench import plan as plans
+from bench import truth as truths
+from bench.commands import Commands, Landing
+from bench.faults import Fault
+from bench.jobs.hidden import catalogue
+from bench.jobs.hidden.catalogue import Hidden
+from bench.jobs.hidden.design import Design
+from bench.truth import Truth
+from pcalib import effects, identification, rotation
+from pcalib.diagnosis import candidates
+from pcalib.diagnosis.channels import Point
+from pcalib.measurement import Measurements
+from pcalib.model import FittedEffect, Model
+from pcalib.robot import Robot
+from pcalib.unknowns import unknowns_of
+
+SIGMA_LENGTH, SIGMA_ANGLE = 1e-4, np.radians(0.05)
+"""1σ of a robot's geometric errors [m, rad]."""
+HELD = 1e-3
+"""Noise units per prior below which priors hold a geometric direction, so that nothing is taken up along it."""
+CLOSE = 0.03
+"""Relative difference from the wanted size that is near enough."""
+MOVED = 1e-3
+"""[m] RMS change of the measured point that a hidden fault may cause."""
+RANGE = 0.7
+"""Share of an effect's physical range that a hidden fault may take."""
+
+
+@dataclass(frozen=True)
+class Sized:
+    """A fault scaled to a visible size."""
+
+    fault: Fault
+    size: float
+    """s it has."""
+    factor: float
+    """Times its size before."""
+    capped: bool
+    """Whether it had to stay smaller than wanted, so as to remain physical."""
+
+
+class Replay:
+    """A robot that has done its work: it gives a landing again, for new noise."""
+
+    def __init__(self, landing: Landing):
+        self.landing = landing
+
+    def run(self, commands: Commands, miss: np.ndarray | None = None) -> Landing:
+        """The landing, whatever the commands."""
+        return self.landing
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A robot and a plan."""
+
+    design: Design
+    robot: Robot
+    errors: np.ndarray
+    """(nk,) true minus nominal geometry."""
+    plan: plans.Plan
+    known: tuple[Fault, ...] = ()
+    """Faults that the robot always has, and that the user's model knows: drive compliance or nothing."""
+
+    @classmethod
+    def draw(cls, design: Design, robot: Robot, seed: int, companion: bool = False) -> Stage:
+        """A random robot and random poses; the same seed gives the same.
+
+        Args:
+            companion: whether its drives give way, to the user's knowledge.
+        """
+        plan = plans.make(robot, design.plan, design.rows, check=design.check, tools=design.tools, seed=seed)
+        errors = truths.draw_errors(robot, SIGMA_LENGTH, SIGMA_ANGLE, seed)
+        known = (faults.make(robot, "drive_compliance", catalogue.BELTS),) if companion else ()
+        return cls(design, robot, errors, plan, known)
+
+    def truth(self, hidden: Sequence[Fault] = (), noisy: bool = True) -> Truth:
+        """The robot with these faults beside those that are known."""
+        return Truth(self.robot, self.errors, self.design.instrument(noisy), (*self.known, *hidden))
+
+    def land(self, hidden: Sequence[Fault] = ()) -> Landing:
+        """Where MuJoCo puts the robot for every row of the plan."""
+        commands = self.plan.commands
+        columns = dict(commands.columns)
+        if "time" in columns:
+            columns["time"] = columns["time"] - columns["time"][0]
+        asked = Commands(commands.q, commands.tool, commands.payload, columns)
+        return self.truth(hidden).machine().run(asked)
+
+    def measure(self, hidden: Sequence[Fault], landing: Landing, seed: int) -> Measurements:
+        """The data file of a landing: noise drawn afresh, σ stated as the design says."""
+        data = simulate.run(self.truth(hidden), self.plan, seed, machine=Replay(landing)).measurements
+        return replace(data, sigma=data.sigma * self.design.stated)
+
+    # -- sizes ---------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def reference(self) -> Landing:
+        """Where the robot stands without anything hidden."""
+        return self.land()
+
+    @cached_property
+    def model(self) -> Model:
+        """The true geometry, with the effects that the user's model knows."""
+        model = Model.nominal(self.robot)
+        return replace(model, k=model.k + self.errors, level="complete", effects=self.effects)
+
+    @property
+    def effects(self) -> tuple[FittedEffect, ...]:
+        """What the user's model knows, at its true size."""
+        return tuple(
+            FittedEffect(effects.get(f.name, None, self.robot), np.atleast_1d(np.mean(f.values["compliance"])), f.name)
+            for f in self.known
+        )
+
+    def _exact(self, hidden: Sequence[Fault], landing: Landing) -> Measurements:
+        data = simulate.run(self.truth(hidden, noisy=False), self.plan, machine=Replay(landing)).measurements
+        sigma = np.where([True] * 3 + [False] * 3, self.design.sigma_pos, self.design.sigma_rot)
+        return replace(data, sigma=np.broadcast_to(sigma, data.sigma.shape).copy())
+
+    @cached_property
+    def _clean(self) -> Measurements:
+        """Noise-free readings without anything hidden, rows to fit only."""
+        data = self._exact((), self.reference)
+        return data.take(~data.check)
+
+    @cached_property
+    def _linear(self) -> tuple[np.ndarray, Point, np.ndarray, np.ndarray]:
+        """Basis U (M, r) of the geometry's columns, the point behind them, row and component of each reading."""
+        data = self._clean
+        unknowns = unknowns_of(self.model, self.model.level, self.model.effects)
+        found = identification.linearise(self.model, data, unknowns)
+        U, s, _ = np.linalg.svd(found.jacobian * unknowns.scale, full_matrices=False)
+        point = Point.of(self.model, found.prediction, identification.conditions_of(data))
+        return U[:, s > HELD], point, found.row, found.component
+
+    def _refitted(self, columns: np.ndarray) -> np.ndarray:
+        """Whitened readings (M, …) without what geometry takes up."""
+        U = self._linear[0]
+        return columns - U @ (U.T @ columns)
+
+    def change(self, hidden: Sequence[Fault], landing: Landing | None = None) -> np.ndarray:
+        """(N, 6) [m, rad] what faults change in the noise-free readings of the rows to fit; zero where not measured."""
+        landing = self.land(hidden) if landing is None else landing
+        data = self._exact(hidden, landing)
+        data, clean = data.take(~data.check), self._clean
+        there, before = (np.flatnonzero(~self.plan.check & landing.ok) for landing in (landing, self.reference))
+        shared = np.intersect1d(there, before)
+        new, old = np.searchsorted(there, shared), np.searchsorted(before, shared)
+        out = np.zeros((len(clean), 6))
+        out[old, :3] = data.position[new] - clean.position[old]
+        turned = clean.mask[old, 3] & data.mask[new, 3]
+        turn = data.rotation[new[turned]] @ np.swapaxes(clean.rotation[old[turned]], -1, -2)
+        out[old[turned], 3:] = rotation.log(turn)
+        return out
+
+    def visible(self, change: np.ndarray) -> np.ndarray:
+        """(M,) what is left of a change (N, 6) once the geometry is refitted, in noise units; its norm is s."""
+        _, _, row, component = self._linear
+        return self._refitted(change[row, component] / self._clean.sigma[row, component])
+
+    def signal(self, hidden: Sequence[Fault]) -> np.ndarray:
+        """(M,) what faults leave visible."""
+        return self.visible(self.change(hidden))
+
+    def room(self, fault: Fault, change: np.ndarray, effect: str | None = None) -> float:
+        """How many times larger a fault may become and stay physical.
+
+        Its settings and the parameters of the effect that describes it keep to their ranges, and the measured point
+        moves by no more than MOVED: what is worse than that is seen without calibration.
+        """
+        moved = float(np.sqrt(np.mean(np.sum(change[:, :3] ** 2, axis=1))))
+        most = min(catalogue.largest(fault), MOVED / max(moved, 1e-12))
+        if effect is not None and effect in self._columns:
+            theta = np.linalg.lstsq(self._columns[effect], self.visible(change), rcond=1e-3)[0]
+            theta = theta * self.library[effect].scale
+            bound = np.where(theta > 0, self.library[effect].high, self.library[effect].low)
+            large = np.abs(theta) > 0.05 * np.abs(theta).max(initial=0.0)
+            ratio = bound[large] / theta[large]
+            most = min(most, RANGE * float(np.min(ratio[ratio > 0], initial=np.inf)))
+        return most
+
+    def scaled(self, fault: Fault, wanted: float, effect: str | None = None) -> Sized:
+        """A fault made as large as `wanted`, or as its physical range allows.
+
+        Args:
+            effect: the library's name for it, whose parameter range is kept to as well.
+        """
+        change = self.change([fault])
+        size, factor, out = float(np.linalg.norm(self.visible(change))), 1.0, fault
+        if size < 1e-6:
+            return Sized(fault, size, 1.0, True)
+        most = self.room(fault, change, effect)
+        for _ in range(3):
+            # Few digits: no rounding of linear algebra may show in a truth file.
+            factor = float(f"{min(factor * wanted / size, most):.4g}")
+            out = catalogue.scaled(fault, factor)
+            size = float(np.linalg.norm(self.signal([out])))
+            if abs(size / wanted - 1) < CLOSE or factor >= 0.999 * most:
+                break
+        return Sized(out, size, factor, bool(size < (1 - CLOSE) * wanted))
+
+    # -- distances from what the library knows -------------------------------------------------------------------
+
+    @cached_property
+    def library(self) -> dict[str, candidates.Candidate]:
+        """Each effect in its widest variant, columns (N, 6, p)."""
+        found, _ = candidates.candidates(self._linear[1])
+        widest: dict[str, candidates.Candidate] = {}
+        for candidate in found:
+            best = widest.get(candidate.name)
+            if best is None or candidate.columns.shape[-1] > best.columns.shape[-1]:
+                widest[candidate.name] = candidate
+        return widest
+
+    @cached_property
+    def _columns(self) -> dict[str, np.ndarray]:
+        """(M, p) visible whitened columns of each effect, per usual size."""
+        _, _, row, component = self._linear
+        sigma = self._clean.sigma[row, component]
+        return {
+            name: self._refitted(c.columns[row, component] / sigma[:, None] * c.scale) for name, c in self.library.items()
+        }
+
+    def span(self, names: Sequence[str]) -> np.ndarray:
+        """(M, r) orthonormal basis of what some effects together could explain."""
+        stacked = np.hstack([self._columns[name] for name in names if name in self._columns] or [np.zeros((0, 0))])
+        if stacked.shape[1] == 0:
+            return np.zeros((len(self._linear[2]), 0))
+        U, s, _ = np.linalg.svd(stacked, full_matrices=False)
+        return U[:, s > 1e-3]
+
+    def distance(self, signal: np.ndarray, names: Sequence[str]) -> float:
+        """|signal| outside what some effects together could explain."""
+        Q = self.span(names)
+        return float(np.linalg.norm(signal - Q @ (Q.T @ signal)))
+
+    def nearest(self, signal: np.ndarray, together: int = 1) -> tuple[float, tuple[str, ...]]:
+        """s⊥: the smallest distance of a signal from the library's effects, up to `together` at a time; and which."""
+        names = sorted(self._columns)
+        alone = sorted((self.distance(signal, [name]), (name,)) for name in names)
+        best = alone[0] if alone else (float(np.linalg.norm(signal)), ())
+        if together > 1:
+            pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+            best = min([best, *((self.distance(signal, pair), pair) for pair in pairs)])
+        return best
+
+
+def suits(hidden: Hidden, design: Design, robot: Robot) -> bool:
+    """Whether a design records what a fault acts through."""
+    return set(hidden.needs(robot)) <= set(design.columns)
