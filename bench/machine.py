@@ -29,7 +29,7 @@ import numpy as np
 from bench import kinds
 from bench.closing import Closed
 from bench.commands import Commands, Landing, Row
-from bench.faults import Fault
+from bench.faults import Fault, present
 from bench.geometry import Geometry
 from bench.rig import Rig
 from pcalib.errors import InputError, ReachError, unknown
@@ -71,7 +71,7 @@ class Machine:
             raise InputError(unknown("variant", variant, self.kind.variants))
         maker = self.kind.variants[variant]
         spec = maker.spec(robot)
-        self.faults = tuple(fault for fault in faults if not fault.absent)
+        self.faults = present(faults)
         for fault in self.faults:
             fault.springs.clear()
             fault.held.clear()

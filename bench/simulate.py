@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from bench import faults
 from bench import truth as truths
 from bench.commands import Commands, Landing
 from bench.plan import Plan
@@ -70,9 +71,9 @@ def run(
     """
     robot, instrument, commands = truth.robot, truth.instrument, plan.commands
     rows = np.arange(len(plan))
-    for fault in truth.faults:
-        if not fault.absent:
-            commands.need(fault.NEEDS, f"fault '{fault.name}'")
+    present = faults.present(truth.faults)
+    for fault in present:
+        commands.need(fault.NEEDS, f"fault '{fault.name}'")
     columns = dict(commands.columns)
     if "time" in columns:
         columns["time"] = columns["time"] - columns["time"][0]
@@ -82,7 +83,7 @@ def run(
     _judge(truth, landing)
 
     position, R = instrument.frame(landing.tcp, landing.R)
-    for fault in truth.faults:
+    for fault in present:
         position, R = fault.seen(position, R, asked)
     reading = instrument.read(position, R, seed, rows)
     seen = ~(np.isnan(reading.position).all(axis=1) & np.isnan(reading.rotation).all(axis=(1, 2)))
@@ -129,8 +130,8 @@ def _judge(truth: Truth, landing: Landing) -> None:
         return
     words, counts = np.unique(landing.status[failed], return_counts=True)
     why = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
-    present = [fault.name for fault in truth.faults if not fault.absent]
-    hint = f"faults {', '.join(present)} may be too strong" if present else "the commands may be of another robot"
+    names = [fault.name for fault in faults.present(truth.faults)]
+    hint = f"faults {', '.join(names)} may be too strong" if names else "the commands may be of another robot"
     raise ReachError(f"{len(failed)} of {len(landing)} commands cannot be carried out ({why}): {hint}")
 
 

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -60,6 +60,8 @@ class Fault:
     """Whether it asks for loads."""
     SIZES: ClassVar[tuple[str, ...]] = ()
     """Settings that all vanish where the fault is absent; the first of SETTINGS where empty."""
+    STAGE: ClassVar[int] = 0
+    """Where several act on one thing, the order in which they stand in the machine: encoder before gear."""
     ROTARY: ClassVar[bool] = False
     """Whether it makes sense on rotary drives only."""
 
@@ -182,6 +184,11 @@ def get(name: str) -> type[Fault]:
     if name not in names():
         raise InputError(unknown("fault", name, names()))
     return importlib.import_module(f"{__name__}.{name}").FAULT
+
+
+def present(faults: Iterable[Fault]) -> tuple[Fault, ...]:
+    """Those that are not of size zero, in the order in which they act, whatever the order in which they are listed."""
+    return tuple(sorted((fault for fault in faults if not fault.absent), key=lambda fault: (fault.STAGE, fault.name)))
 
 
 def counts(robot: Robot) -> dict[str, int]:

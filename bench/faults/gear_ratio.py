@@ -13,6 +13,7 @@ class GearRatio(Fault):
     """The shaft goes to (1 + g)·q. From 0.1 % on a wrong unit is more likely than a wrong gear."""
 
     SETTINGS = (Setting("error", "ratio", low=-0.1, high=0.1, typical=2e-4, per="actuator", about="g of each drive"),)
+    STAGE = 1
 
     def shaft(self, theta: np.ndarray, row: Row) -> np.ndarray:
         return theta * (1 + self.values["error"])

@@ -21,6 +21,7 @@ class GearRipple(Fault):
         Setting("phase", "angle", 0.0, per="actuator", about="φ"),
     )
     ROTARY = True
+    STAGE = 1
 
     def shaft(self, theta: np.ndarray, row: Row) -> np.ndarray:
         return theta + self.values["amplitude"] * np.sin(self.values["cycles"] * theta + self.values["phase"])

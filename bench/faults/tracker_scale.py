@@ -13,6 +13,7 @@ class TrackerScale(Fault):
     """All positions, from the instrument's own origin, are multiplied by 1 + s. Typical s: 10 ppm."""
 
     SETTINGS = (Setting("scale", "ratio", low=-0.1, high=0.1, typical=1e-5, about="s"),)
+    STAGE = 1
 
     def seen(self, position: np.ndarray, R: np.ndarray, commands: Commands) -> tuple[np.ndarray, np.ndarray]:
         return position * (1 + self.values["scale"]), R

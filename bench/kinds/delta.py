@@ -21,6 +21,8 @@ from pcalib.robot import Robot
 
 Z = np.array([0.0, 0.0, 1.0])
 PAIRS = [(i, j) for i in (1, 2, 3) for j in (1, 2)]
+LEAST = 1e-9
+"""[kg] what a moving body needs of mass where the robot file gives none."""
 GAUSS = ((1 - 1 / math.sqrt(3)) / 2, 1 / math.sqrt(3))
 """Where the arm is cut, as shares of its length: up to the first Gauss point, and on to the second."""
 
@@ -33,7 +35,7 @@ def _rods(robot: Robot) -> mujoco.MjSpec:
     for i in (1, 2, 3):
         for body, share in zip(("arm", "beam", "elbow"), cuts, strict=True):
             part = spec.body(f"{body}{i}")
-            part.mass = arm * share
+            part.mass = max(arm * share, LEAST)
             part.ipos = (0.0, share * length / 2, 0.0)
         # A uniform bar; its first piece is shifted so that the whole arm's centre of mass is that of the file.
         spec.body(f"arm{i}").ipos = (0.0, cuts[0] * length / 2 + (com - length / 2) / cuts[0], 0.0)
@@ -42,7 +44,7 @@ def _rods(robot: Robot) -> mujoco.MjSpec:
     quarter = robot.dimensions["rod_length"] / 4
     for i, j in PAIRS:
         for body, where in (("rod", -quarter), ("tip", quarter)):
-            spec.body(f"{body}{i}{j}").mass = rod / 2
+            spec.body(f"{body}{i}{j}").mass = max(rod / 2, LEAST)
             spec.body(f"{body}{i}{j}").ipos = (0.0, 0.0, where)
     _common(spec, robot, plate)
     return spec
@@ -51,14 +53,14 @@ def _rods(robot: Robot) -> mujoco.MjSpec:
 def _tendons(robot: Robot) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_file(str(MODELS / "delta_tendon.xml"))
     for i in (1, 2, 3):
-        spec.body(f"arm{i}").mass = robot.mass.get("arm", 0.0)
+        spec.body(f"arm{i}").mass = max(robot.mass.get("arm", 0.0), LEAST)
         spec.body(f"arm{i}").ipos = (0.0, robot.mass.get("arm_com", 0.0), 0.0)
     _common(spec, robot, robot.mass.get("plate", 0.0))
     return spec
 
 
 def _common(spec: mujoco.MjSpec, robot: Robot, plate_mass: float) -> None:
-    spec.body("plate").mass = plate_mass
+    spec.body("plate").mass = max(plate_mass, LEAST)
     spec.option.gravity = robot.gravity
     for i in (1, 2, 3):
         spec.joint(f"q{i}").range = np.degrees(robot.joint_range)  # the file is in degrees

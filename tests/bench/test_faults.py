@@ -1,0 +1,465 @@
+"""Every fault against an estimate that shares nothing with the bench: virtual work, beam theory, closed forms.
+
+The estimates take geometry from `pcalib.kinematics` and forces from differences of the potential energy of all masses,
+written out below. Each deflection must agree within 1 % of its RMS over the poses; what remains is of second order
+(loads at the deflected instead of the rigid pose).
+"""
+
+import time as clock
+
+import mujoco
+import numpy as np
+import pytest
+
+from bench import faults, simulate
+from bench import truth as truths
+from bench.commands import Commands
+from bench.instrument import Instrument
+from bench.kinds import MODELS
+from bench.machine import Machine
+from bench.plan import Plan
+from pcalib import kinematics, rotation
+from pcalib import robot as robots
+from pcalib.errors import InputError, ReachError
+from pcalib.kinematics import Deviation
+
+ROBOT = robots.load(MODELS / "delta.toml")
+MECHANISM, MASS = ROBOT.mechanism, ROBOT.mass
+K = MECHANISM.nominal + np.where(np.array(MECHANISM.units) == "rad", 2e-3, 3e-4) * np.random.default_rng(5).uniform(
+    -1, 1, len(MECHANISM.nominal)
+)
+N = 16
+RNG = np.random.default_rng(11)
+Q = RNG.uniform(-0.85, 0.3, (N, 3))
+TOOL = np.where(np.arange(N)[:, None] % 2, [0.06, -0.04, -0.1], [0.0, 0.02, -0.3])
+PAYLOAD = np.tile([0.0, 1.0, 2.5, 1.5], N // 4)
+DIRECTION = RNG.choice([-1.0, 1.0], (N, 3))
+TIME = np.sort(RNG.uniform(0, 7200, N))
+TIME[0] = 0.0
+WARM = {f"temp_{part}": RNG.uniform(12, 32, N) for part in ("arms", "rods", "base")}
+COMMANDS = Commands.of(Q, TOOL, PAYLOAD, time=TIME, **WARM, **{f"dir{i + 1}": DIRECTION[:, i] for i in range(3)})
+ARM = np.repeat(np.arange(3), 2)
+E0 = rotation.exp(K[MECHANISM.actuation.beta]) @ rotation.about(np.array([0, 0, 1.0]), ROBOT.dimensions["axis_azimuth"])
+"""(3, 3, 3) arm frames at q = 0, base axes."""
+
+
+NOTHING = Deviation()
+
+
+def land(*present, commands=COMMANDS):
+    landing = Machine(ROBOT, K, present).run(commands)
+    assert landing.ok.all()
+    return landing
+
+
+RIGID = land()
+
+
+def typical(name, scale=1.0):
+    return faults.typical(ROBOT, name, scale)
+
+
+# -- the independent side ----------------------------------------------------------------------------------------
+
+
+def pose(deviation=NOTHING, k=K, q=Q):
+    solution = kinematics.forward(MECHANISM, k, q, deviation=deviation)
+    assert solution.ok.all()
+    return solution.pose
+
+
+def tcp(deviation=NOTHING, k=K, q=Q):
+    return pose(deviation, k, q).tcp(TOOL)
+
+
+def masses(deviation=NOTHING):
+    """[(mass, centre of mass (N, 3))] of arms, rods, plate and payload."""
+    where = pose(deviation)
+    side = kinematics.base_side(MECHANISM, K, Q, deviation)
+    B = where.x[:, None] + (where.R[:, None] @ plate_points(deviation)[..., None])[..., 0]
+    angle = Q if deviation.actuator is None else Q + deviation.actuator
+    reach = rotation.about(np.array([1.0, 0, 0]), angle) @ np.array([0, MASS["arm_com"], 0])
+    arms = K[MECHANISM.actuation.p] + (E0 @ reach[..., None])[..., 0]
+    out = [(MASS["arm"], arms[:, i]) for i in range(3)]
+    out += [(MASS["rod"], 0.5 * (side.A[:, r] + B[:, r])) for r in range(6)]
+    return [*out, (MASS["plate"], where.x), (PAYLOAD, where.tcp(TOOL))]
+
+
+def plate_points(deviation):
+    b = K[MECHANISM.plate_columns]
+    return np.broadcast_to(b, (N, 6, 3)) if deviation.plate is None else b + deviation.plate
+
+
+def energy(deviation=NOTHING, g=ROBOT.gravity):
+    """Potential energy of the weights, (N,) [J]."""
+    return -sum(m * (r @ g) for m, r in masses(deviation))
+
+
+def loads(deviation_of, count, potential=energy, step=1e-5):
+    """Generalised forces −∂U/∂s (N, count) on coordinates s by central differences at s = 0."""
+    out = np.empty((N, count))
+    for j in range(count):
+        s = np.zeros((N, count))
+        s[:, j] = step
+        out[:, j] = -(potential(deviation_of(s)) - potential(deviation_of(-s))) / (2 * step)
+    return out
+
+
+def assert_close(landing, estimate, rigid=None, percent=1.0, least=1e-7):
+    """Deflections of the TCP within a percentage of their RMS."""
+    reference = RIGID.tcp if rigid is None else rigid
+    moved, expected = landing.tcp - reference, estimate - (tcp() if rigid is None else rigid)
+    size = np.sqrt(np.mean(np.sum(moved**2, axis=1)))
+    assert size > least
+    assert np.linalg.norm(moved - expected, axis=1).max() <= 0.01 * percent * size
+
+
+def drive(s):
+    return Deviation(actuator=s)
+
+
+def stretch(s):
+    return Deviation(rod=s)
+
+
+def test_the_rigid_robots_agree():
+    assert np.abs(tcp() - RIGID.tcp).max() < 1e-11
+
+
+# -- springs -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("compliance", [np.full(3, 16e-6), np.array([5e-6, 0.0, 40e-6])])
+def test_drive_compliance(compliance):
+    landing = land(faults.get("drive_compliance")(ROBOT, compliance=compliance, hardening=0.0))
+    assert_close(landing, tcp(drive(compliance * loads(drive, 3))))
+
+
+def test_drive_compliance_that_hardens():
+    compliance, h = 2e-4, 0.8
+    torque = loads(drive, 3)
+    angle = compliance * torque
+    for _ in range(50):  # k·φ·(1 + h·φ²/(1 mrad)²) = τ
+        f = angle / compliance * (1 + h * angle**2 * 1e6) - torque
+        angle = angle - f * compliance / (1 + 3 * h * angle**2 * 1e6)
+    fault = faults.get("drive_compliance")(ROBOT, compliance=np.full(3, compliance), hardening=h)
+    assert_close(land(fault), tcp(drive(angle)), percent=1.0)
+    soft = compliance * torque
+    assert np.abs(soft - angle).max() > 0.2 * np.abs(soft).max()
+
+
+@pytest.mark.parametrize("compliance", [np.full(6, 5e-8), np.array([1e-7, 0, 0, 2e-8, 0, 3e-7])])
+def test_rod_compliance(compliance):
+    landing = land(faults.get("rod_compliance")(ROBOT, compliance=compliance))
+    assert_close(landing, tcp(stretch(compliance * loads(stretch, 6))))
+
+
+@pytest.mark.parametrize(("vertical", "lateral"), [(2e-7, 0.0), (0.0, 2e-7), (3e-7, 1e-7)])
+def test_arm_bending_is_an_euler_bernoulli_cantilever(vertical, lateral):
+    """Ritz with w = c₂y² + c₃y³ + c₄y⁴, exact for forces and moments at the tip and uniform weight."""
+    L = ROBOT.dimensions["arm_length"]
+    powers = np.array([2, 3, 4])
+    curve = powers * (powers - 1)
+    elastic = curve[:, None] * curve / (np.add.outer(powers, powers) - 3) * L ** (np.add.outer(powers, powers) - 3.0)
+    frame = E0 @ rotation.about(np.array([1.0, 0, 0]), Q)  # (N, 3, 3, 3) arm frames
+    beside = K[MECHANISM.actuation.a] - [0, L, 0]
+    ways = [np.array([0, 0, 1.0]), np.array([1.0, 0, 0])]
+    axes = [np.array([1.0, 0, 0]), np.array([0, 0, -1.0])]  # a turn about these lifts the tip along its way
+
+    def bend(s):
+        s = s.reshape(N, 2, 3, 3)  # way, arm, coefficient
+        elbow = np.zeros((N, 6, 3))
+        for way in range(2):
+            tip = s[:, way] @ L**powers
+            turn = s[:, way] @ (powers * L ** (powers - 1.0))
+            for r in range(6):
+                local = tip[:, ARM[r], None] * ways[way] + turn[:, ARM[r], None] * np.cross(axes[way], beside[r])
+                elbow[:, r] += (frame[:, ARM[r]] @ local[..., None])[..., 0]
+        return Deviation(elbow=elbow)
+
+    force = np.concatenate([loads(bend, 18, step=1e-4)], axis=0).reshape(N, 2, 3, 3)
+    weight = MASS["arm"] / L * L ** (powers + 1.0) / (powers + 1)  # ∫ (m/L)·yᵖ dy
+    s = np.zeros((N, 2, 3, 3))
+    for way, compliance in enumerate((vertical, lateral)):
+        if compliance:
+            along = (frame @ ways[way]) @ ROBOT.gravity  # (N, 3)
+            total = force[:, way] + along[..., None] * weight
+            s[:, way] = np.linalg.solve(L**3 / (3 * compliance) * elastic, total[..., None])[..., 0]
+    fault = faults.get("arm_bending")(ROBOT, vertical=np.full(3, vertical), lateral=np.full(3, lateral))
+    assert_close(land(fault), tcp(bend(s.reshape(N, 18))))
+
+
+def test_tool_bending_is_a_cantilever_under_its_payload():
+    where, c = pose(), 2e-6
+    h = np.linalg.norm(TOOL, axis=1, keepdims=True)
+    along = (where.R @ (TOOL / h)[..., None])[..., 0]
+    weight = PAYLOAD[:, None] * ROBOT.gravity
+    across = weight - along * np.sum(along * weight, axis=1, keepdims=True)
+    landing = land(typical("tool_bending"))
+    assert_close(landing, tcp() + c * (h / 0.1) ** 3 * across, percent=1.0)
+    assert np.abs(landing.R - RIGID.R).max() < 1e-11  # the plate does not turn
+
+
+def test_plate_flexing():
+    def flex(s):
+        return Deviation(plate=s[:, :, None] * [0, 0, 1.0])
+
+    assert_close(land(typical("plate_flexing")), tcp(flex(1e-7 * loads(flex, 6))))
+
+
+def test_frame_bending_tilts_the_robot_by_its_overhanging_weight():
+    c, hinge = 2e-7, np.array([0, 0, 0.5])
+    moment = sum(np.cross(r - hinge, np.multiply.outer(np.broadcast_to(m, N), ROBOT.gravity)) for m, r in masses())
+    turn = rotation.exp(c * moment * [1, 1, 0])
+    assert_close(land(typical("frame_bending")), hinge + (turn @ (tcp() - hinge)[..., None])[..., 0], least=1e-7)
+
+
+def test_hose_pulls_through_whatever_gives_way():
+    fault, soft = typical("hose"), typical("drive_compliance")
+    anchor, low, k, rest = (fault.values[name] for name in ("anchor", "plate", "stiffness", "rest_length"))
+
+    def pulled(deviation=NOTHING):
+        where = pose(deviation)
+        length = np.linalg.norm(where.tcp(low) - anchor, axis=1)
+        assert (length > rest).all()
+        return energy(deviation) + 0.5 * k * (length - rest) ** 2
+
+    without = land(soft).tcp
+    pull = 16e-6 * (loads(drive, 3, pulled) - loads(drive, 3))
+    assert_close(land(soft, fault), without + tcp(drive(pull)) - tcp(), rigid=without)
+    assert np.abs(land(fault).tcp - RIGID.tcp).max() < 1e-11  # a rigid robot does not feel it
+
+
+def test_gravity_tilt_is_felt_through_a_compliance():
+    soft, tilt = typical("drive_compliance"), typical("gravity_tilt")
+    g = rotation.exp(np.array([5e-3, -3e-3, 0])) @ ROBOT.gravity
+    without = land(soft).tcp
+    more = 16e-6 * (loads(drive, 3, lambda d: energy(d, g)) - loads(drive, 3))
+    assert_close(land(soft, tilt), without + tcp(drive(more)) - tcp(), rigid=without, least=1e-8)
+    assert np.abs(land(tilt).tcp - RIGID.tcp).max() < 1e-11
+
+
+# -- gaps and friction -------------------------------------------------------------------------------------------
+
+
+def test_backlash_by_direction_and_by_load():
+    half = 3e-4
+    assert_close(land(typical("backlash")), tcp(drive(-half * DIRECTION)))
+    by_load = faults.get("backlash")(ROBOT, gap=np.full(3, 2 * half), side="load")
+    side = np.sign(loads(drive, 3))
+    assert (side > 0).any() or (side < 0).any()
+    assert_close(land(by_load), tcp(drive(half * side)))
+    quiet = Commands.of(Q, TOOL, PAYLOAD)  # no direction known: the load decides
+    assert np.abs(land(typical("backlash"), commands=quiet).tcp - land(by_load).tcp).max() < 1e-12
+
+
+def test_backlash_flips_where_the_load_does():
+    """Held up by a counterweight of a payload: the arm's torque, and with it the flank, changes sign."""
+    fault = faults.make(ROBOT, "backlash", {"gap_mrad": 1.0, "side": "load"})
+    light = robots.parse(ROBOT.text.replace("arm_kg = 1.0", "arm_kg = 0.0"))
+    up = robots.parse(light.text + "\n[gravity]\nvector_m_s2 = [0.0, 0.0, 9.81]\n")
+    q = np.zeros((1, 3))
+    down = Machine(light, None, [fault]).run(Commands.of(q, 0.0, 1.0)).x[0, 2]
+    lifted = Machine(up, None, [fault]).run(Commands.of(q, 0.0, 1.0)).x[0, 2]
+    rigid = Machine(light).land(q).x[0, 2]
+    assert down < rigid < lifted and np.isclose(rigid - down, lifted - rigid, rtol=0.01)
+
+
+def test_joint_clearance_takes_the_side_of_the_rod_force():
+    tension = loads(stretch, 6)
+    assert (tension < 0).any() and (tension > 0).any()
+    assert_close(land(typical("joint_clearance")), tcp(stretch(5e-6 * np.sign(tension))))
+
+
+def test_friction_hysteresis_winds_up_with_the_load():
+    wind = -DIRECTION * 1e-5 * np.abs(loads(drive, 3))
+    assert_close(land(typical("friction_hysteresis")), tcp(drive(wind)))
+
+
+def test_friction_hysteresis_equals_a_spring_slider_driven_through_its_loop():
+    """MuJoCo's own plastic joint spring, yielding at μ·|τ| of the load on a drive and pushed past it either way."""
+    machine = Machine(ROBOT, K, [typical("friction_hysteresis")])
+    stiffness, friction = 2000.0, 0.02  # c = μ/k = 10 µrad/(N·m)
+    for n in range(4):
+        assert machine.run(COMMANDS.take(slice(n, n + 1))).ok.all()
+        wound = [machine.rig.data.qpos[machine.model.joint(f"q{i}.windup").qposadr[0]] for i in (1, 2, 3)]
+        for i in range(3):
+            yields = friction * abs(machine.rig.load(f"q{i + 1}.windup"))
+            model = mujoco.MjModel.from_xml_string(
+                f"""<mujoco><compiler angle="radian"/><option timestep="0.001" gravity="0 0 0"/><worldbody><body>
+                <joint name="wind" type="hinge" stiffness="{stiffness}" damping="60"
+                 springyield="{yields / stiffness:.17g}"/><geom size="0.1" mass="1"/></body></worldbody></mujoco>"""
+            )
+            slider = mujoco.MjData(model)
+            for push in (DIRECTION[n, i], -DIRECTION[n, i]):  # the stroke before, and the last one, which counts
+                slider.qfrc_applied[0] = 1.5 * push * yields
+                for _ in range(300):
+                    mujoco.mj_step(model, slider)
+            # The spring between motor and arm is stretched against the last motion by what friction holds back.
+            assert np.isclose(slider.qpos[0] - slider.plastic[0], wound[i], rtol=1e-6)
+
+
+# -- encoders and gears ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "shift"),
+    [
+        ("encoder_eccentricity", -4e-4 * np.sin(Q + 0.7)),
+        ("encoder_ovality", -2e-4 * np.sin(2 * (Q + 0.3))),
+        ("gear_ratio", 2e-4 * Q),
+        ("gear_ripple", 3e-4 * np.sin(24 * Q)),
+        ("encoder_warming", 5e-6 * (WARM["temp_base"][:, None] - 20)),
+    ],
+)
+def test_encoders_and_gears(name, shift):
+    assert_close(land(typical(name)), tcp(drive(shift)))
+
+
+def test_an_eccentric_disc_seen_by_its_head():
+    """The disc as a body in the plane: which of its lines stands under the head."""
+    fault = faults.get("encoder_eccentricity")(ROBOT, amplitude=np.full(3, 0.05), phase=np.array([0.0, 1.0, -2.0]))
+    shaft = np.array([0.4, -1.1, 0.9])
+    for s, phase, read in zip(shaft, fault.values["phase"], fault.reading(shaft), strict=True):
+        spin = np.array([[np.cos(s), -np.sin(s)], [np.sin(s), np.cos(s)]])
+        centre = spin @ (0.05 * np.array([np.cos(phase), np.sin(phase)]))
+        line = spin.T @ (np.array([1.0, 0.0]) - centre)  # from the disc's centre to the head, in the disc
+        assert np.isclose(read, -np.arctan2(line[1], line[0]), atol=1e-15)
+
+
+# -- temperature, time, place ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("part", "letter", "alpha"), [("arms", "a", 23.6e-6), ("rods", "l", 2e-6), ("base", "p", 12e-6)]
+)
+def test_thermal_growth(part, letter, alpha):
+    landing = land(typical(f"thermal_{part}"))
+    grows = np.array([name[0] == letter and name[1].isdigit() for name in MECHANISM.parameters])
+    for n in range(N):
+        k = np.where(grows, K * (1 + alpha * (WARM[f"temp_{part}"][n] - 20)), K)
+        where = kinematics.forward(MECHANISM, k, Q[n : n + 1]).pose
+        assert np.abs(landing.tcp[n] - where.tcp(TOOL[n : n + 1])[0]).max() < 1e-10
+    assert np.linalg.norm(landing.tcp - RIGID.tcp, axis=1).max() > 1e-6
+
+
+def test_base_drift_moves_everything():
+    landing, fault = land(typical("base_drift")), typical("base_drift")
+    turn = rotation.exp(TIME[:, None] * fault.values["w"])
+    expected = (turn @ RIGID.tcp[..., None])[..., 0] + TIME[:, None] * fault.values["v"]
+    assert np.abs(landing.tcp - expected).max() < 1e-11 and np.abs(landing.R - turn @ RIGID.R).max() < 1e-11
+    assert np.abs(landing.tcp - RIGID.tcp).max() > 1e-5
+
+
+def test_bearing_runout_moves_the_motor_axis():
+    angle = 2 * Q
+    shift = 10e-6 * np.stack([np.zeros_like(Q), np.cos(angle), np.sin(angle)], axis=-1)  # arm frame at q = 0
+    moved = (E0 @ shift[..., None])[..., 0]
+    assert_close(land(typical("bearing_runout")), tcp(Deviation(elbow=moved[:, ARM])))
+
+
+def test_tool_creep():
+    landing = land(typical("tool_creep"))
+    lean = rotation.exp(np.log10(1 + TIME / 60.0)[:, None] * [2e-4, 1e-4, 0])
+    expected = RIGID.x + (RIGID.R @ lean @ TOOL[..., None])[..., 0]
+    assert np.abs(landing.tcp - expected).max() < 1e-12 and np.abs(landing.tcp - RIGID.tcp).max() > 1e-5
+
+
+def measured(*present, **instrument):
+    truth = truths.Truth(ROBOT, K - MECHANISM.nominal, Instrument(**instrument), present)
+    plan = Plan(COMMANDS, np.full(N, -1), np.zeros(N, bool), "test")
+    return simulate.run(truth, plan).measurements
+
+
+def test_tracker_scale_and_drift_in_the_trackers_own_frame():
+    place, turn = np.array([2.0, -1.0, 0.3]), rotation.exp(np.array([0.2, 0.1, 1.0]))
+    frame = {"frame": "tracker", "position": place, "rotation": np.array([0.2, 0.1, 1.0])}
+    scale, drift = typical("tracker_scale"), typical("tracker_drift")
+    seen = (RIGID.tcp - place) @ turn
+    assert np.abs(measured(scale, **frame).position - seen * (1 + 1e-5)).max() < 1e-12
+    back = rotation.exp(-TIME[:, None] * drift.values["w"])
+    crept = (back @ (seen - TIME[:, None] * drift.values["v"])[..., None])[..., 0]
+    assert np.abs(measured(drift, **frame).position - crept).max() < 1e-12
+    both = measured(scale, drift, **frame).position
+    assert np.abs(both - crept * (1 + 1e-5)).max() < 1e-12
+    assert np.array_equal(both, measured(drift, scale, **frame).position)
+
+
+# -- all of them -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", faults.names())
+def test_at_zero_the_rigid_robot(name):
+    zero = typical(name, 0.0)
+    assert zero.absent and np.array_equal(measured(zero).position, measured().position)
+    # And on the way there in proportion: a thousandth of the size moves the TCP a thousandth as far.
+    partner = () if name not in ("hose", "gravity_tilt") else (typical("drive_compliance"),)
+    rest = measured(*partner).position
+    full, small = (measured(typical(name, s), *partner).position - rest for s in (1.0, 1e-3))
+    size = np.abs(full).max()
+    assert size > 1e-8 and np.abs(small - 1e-3 * full).max() < 1e-3 * size * 0.02 + 2e-12
+
+
+def test_any_order_gives_the_same_robot_and_all_of_them_stay_within_the_time():
+    everything = [typical(name) for name in faults.names()]
+    begun = clock.perf_counter()
+    one = land(*everything)
+    per_pose = (clock.perf_counter() - begun) / N
+    other = land(*everything[::-1])
+    assert np.array_equal(one.tcp, other.tcp) and np.array_equal(one.R, other.R)
+    assert per_pose < 10e-3  # 3 ms on an idle machine
+
+
+def test_small_faults_add_up():
+    """Of small deflections the combination is the sum, to second order."""
+    names = ["drive_compliance", "rod_compliance", "backlash", "thermal_arms", "gear_ripple", "base_drift"]
+    both = land(*(typical(name) for name in names)).tcp - RIGID.tcp
+    total = sum(land(typical(name)).tcp - RIGID.tcp for name in names)
+    assert np.abs(both - total).max() < 0.01 * np.abs(total).max()
+
+
+def test_a_missing_column_is_named():
+    bare = Commands.of(Q)
+    with pytest.raises(InputError, match="'thermal_rods' needs a temperature history 'temp_rods'"):
+        Machine(ROBOT, K, [typical("thermal_rods")]).run(bare)
+    with pytest.raises(InputError, match="'base_drift' needs a column 'time'"):
+        Machine(ROBOT, K, [typical("base_drift")]).run(bare)
+    with pytest.raises(InputError, match="'friction_hysteresis' needs a column 'dir1'"):
+        Machine(ROBOT, K, [typical("friction_hysteresis")]).run(bare)
+
+
+@pytest.mark.parametrize(
+    ("name", "table", "message"),
+    [
+        ("drive_compliance", {"compliance_urad_Nm": 1e6}, "must be from 0 to 2000"),
+        ("drive_compliance", {"compliance_urad_Nm": -1}, "must be from 0"),
+        ("drive_compliance", {"compliance": 1}, "has no unit"),
+        ("drive_compliance", {"compliance_um_N": 1}, "is not a unit of rotational_compliance"),
+        ("drive_compliance", {"compliance_urad_Nm": [1, 2]}, "a list of 3 numbers"),
+        ("backlash", {"gap_arcmin": 1, "side": "left"}, 'one of "direction", "load"'),
+        ("hose", {}, "'stiffness' is missing"),
+        ("rod_compliance", {"compliance_um_N": 1, "colour": "red"}, "unknown key 'colour'"),
+    ],
+)
+def test_absurd_settings_are_refused(name, table, message):
+    with pytest.raises(InputError) as caught:
+        faults.make(ROBOT, name, table)
+    assert message in str(caught.value) and f"[faults.{name}]" in str(caught.value)
+
+
+def test_a_robot_that_falls_apart_says_so():
+    truth = truths.parse(
+        f'robot = "{MODELS / "delta.toml"}"\n[faults.drive_compliance]\ncompliance_mrad_Nm = 2\n'
+        "[faults.rod_compliance]\ncompliance_mm_N = 0.1\n"
+    )
+    heavy = Commands.of(Q, TOOL, 300.0)
+    with pytest.raises(ReachError, match="faults drive_compliance, rod_compliance may be too strong"):
+        simulate.run(truth, Plan(heavy, np.full(N, -1), np.zeros(N, bool), "test"))
+
+
+@pytest.mark.parametrize("name", faults.names())
+def test_a_sealed_fault_is_the_same_fault(name):
+    truth = truths.Truth(ROBOT, 0 * K, Instrument(), (typical(name, 0.7),))
+    again = truths.parse(truths.dumps(truth)).faults[0]
+    for key, value in truth.faults[0].values.items():
+        assert np.array_equal(again.values[key], value), key
