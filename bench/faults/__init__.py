@@ -42,11 +42,12 @@ from bench.settings import Setting
 from pcalib.errors import InputError, unknown
 from pcalib.robot import Robot
 
-DRIVE_DIMENSIONS = {
-    "drive": {"angle": "angle", "length": "length"},
-    "drive_compliance": {"angle": "rotational_compliance", "length": "compliance"},
-    "drive_per_kelvin": {"angle": "angle_per_kelvin", "length": "length_per_kelvin"},
+_OF_DRIVES = {
+    "drive": {"angle": ("angle", 1.0), "length": ("length", 0.05)},
+    "drive_compliance": {"angle": ("rotational_compliance", 1.0), "length": ("compliance", 0.002)},
+    "drive_per_kelvin": {"angle": ("angle_per_kelvin", 1.0), "length": ("length_per_kelvin", 0.1)},
 }
+"""Dimension by what the drives do, and the usual size on carriages per usual size on arms."""
 
 
 class Fault:
@@ -54,6 +55,8 @@ class Fault:
 
     SETTINGS: ClassVar[tuple[Setting, ...]]
     """Its numbers."""
+    MJCF: ClassVar[str]
+    """What it is in the model, for the documentation."""
     NEEDS: ClassVar[tuple[str, ...]] = ()
     """Columns of the commands that it cannot do without."""
     loaded: ClassVar[bool] = False
@@ -81,11 +84,14 @@ class Fault:
     @classmethod
     def settings(cls, robot: Robot) -> tuple[Setting, ...]:
         """SETTINGS with the dimensions that this robot's drives give them."""
-        kind = robot.mechanism.actuator_dimension
-        return tuple(
-            replace(s, dimension=DRIVE_DIMENSIONS[s.dimension][kind]) if s.dimension in DRIVE_DIMENSIONS else s
-            for s in cls.SETTINGS
-        )
+        out = []
+        for setting in cls.SETTINGS:
+            if setting.dimension in _OF_DRIVES:
+                dimension, share = _OF_DRIVES[setting.dimension][robot.mechanism.actuator_dimension]
+                usual = None if setting.typical is None else setting.typical * share
+                setting = replace(setting, dimension=dimension, typical=usual)
+            out.append(setting)
+        return tuple(out)
 
     @property
     def name(self) -> str:
@@ -204,7 +210,7 @@ def typical(robot: Robot, name: str, scale: float = 1.0) -> Fault:
     """
     fault, values = get(name), {}
     sizes = fault.SIZES or (fault.SETTINGS[0].name,)
-    for setting in fault.SETTINGS:
+    for setting in fault.settings(robot):
         value = setting.default if setting.typical is None else setting.typical
         if setting.name in sizes:
             value = np.multiply(value, scale)

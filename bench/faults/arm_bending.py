@@ -21,6 +21,10 @@ class ArmBending(Fault):
     moves it by c = L³/3EI and turns it by 1.5·c/L. Typical c: 0.05–0.5 µm/N (elbow stiffness 2–20 N/µm).
     """
 
+    MJCF = (
+        "hinges `beam1.vertical`, `elbow1.vertical` (and `.lateral`) with `stiffness` at the two "
+        "Gauss points of the arm"
+    )
     SETTINGS = (
         Setting("vertical", "compliance", 0.0, 0.0, 1e-4, typical=2e-7, per="actuator", about="c in the arm's plane"),
         Setting("lateral", "compliance", 0.0, 0.0, 1e-4, typical=2e-7, per="actuator", about="c along the motor axis"),

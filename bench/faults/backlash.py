@@ -18,6 +18,7 @@ class Backlash(Fault):
     with side = "load", the load MuJoCo finds on the joint pushes it to its end. Typical b: 1–3 arcmin.
     """
 
+    MJCF = "a held hinge (slide) `q1.gap` on the motor axis, put to an end of its play"
     SETTINGS = (
         Setting("gap", "drive", low=0.0, high=0.05, typical=6e-4, per="actuator", about="b, the whole gap"),
         Setting("side", "word", "direction", words=("direction", "load"), about="what decides the side"),

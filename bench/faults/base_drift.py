@@ -16,6 +16,7 @@ class BaseDrift(Fault):
     Tenths of a millimetre in two hours of warm-up are usual.
     """
 
+    MJCF = "position and orientation of body `base`"
     SETTINGS = (
         Setting(
             "v", "velocity", np.zeros(3), -1e-5, 1e-5,

@@ -18,6 +18,7 @@ class BearingRunout(Fault):
     arm mounted off centre, which is geometry; an oval race has 2, a ball cage 0.4. Typical e: 2–20 µm.
     """
 
+    MJCF = "held slides `q1.out_y`, `q1.out_z` on the arm body"
     SETTINGS = (
         Setting("radius", "length", low=0.0, high=1e-3, typical=10e-6, per="actuator", about="e"),
         Setting("cycles", "count", 2.0, 0.0, 100.0, about="n"),

@@ -15,6 +15,7 @@ class DriveCompliance(Fault):
     Gearboxes 41–120 kN·m/rad (8–24 µrad/(N·m)), belts about 15 kN·m/rad.
     """
 
+    MJCF = "a hinge (slide) `q1.spring` with `stiffness` on the body of motor joint `q1`, coaxial with it"
     SETTINGS = (
         Setting(
             "compliance", "drive_compliance", low=0.0, high=2e-3,

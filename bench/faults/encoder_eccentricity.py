@@ -18,6 +18,7 @@ class EncoderEccentricity(Fault):
     command. 10 µm on a disc of 50 mm diameter: ε = 400 µrad.
     """
 
+    MJCF = "the target of motor joint `q1`"
     SETTINGS = (
         Setting("amplitude", "angle", low=0.0, high=0.1, typical=4e-4, per="actuator", about="ε, the largest error"),
         Setting("phase", "angle", 0.0, typical=0.7, per="actuator", about="φ, where the centre stands at zero"),

@@ -17,6 +17,7 @@ class EncoderOvality(Fault):
     Typical A: 50–500 µrad.
     """
 
+    MJCF = "the target of motor joint `q1`"
     SETTINGS = (
         Setting("amplitude", "angle", low=0.0, high=0.1, typical=2e-4, per="actuator", about="A, the largest error"),
         Setting("phase", "angle", 0.0, typical=0.3, per="actuator", about="φ, where the axis of tilt stands at zero"),

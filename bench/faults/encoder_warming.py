@@ -15,6 +15,7 @@ class EncoderWarming(Fault):
     Typical κ: 1–10 µrad/K.
     """
 
+    MJCF = "the target of motor joint `q1`"
     SETTINGS = (
         Setting(
             "per_kelvin", "drive_per_kelvin", low=-1e-3, high=1e-3,

@@ -14,6 +14,7 @@ class FrameBending(Fault):
     Payload times its distance from the middle tilts it. Typical: 0.05–0.5 µrad/(N·m).
     """
 
+    MJCF = "hinges `base.x`, `base.y` with `stiffness` between world and body `base`"
     SETTINGS = (
         Setting("compliance", "rotational_compliance", low=0.0, high=1e-4, typical=2e-7, about="1/k about either axis"),
         Setting("height", "length", 0.5, -5.0, 5.0, about="of the hinges above the base's origin"),

@@ -20,6 +20,7 @@ class FrictionHysteresis(Fault):
     its motor; |τ| is the load that MuJoCo finds on the joint, and moves with it. Typical c: 10 µrad/(N·m).
     """
 
+    MJCF = "a held hinge (slide) `q1.windup` on the motor axis, put where the yielded slider leaves it"
     SETTINGS = (
         Setting(
             "per_load", "drive_compliance", low=0.0, high=1e-3,

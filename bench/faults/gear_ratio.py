@@ -12,6 +12,7 @@ from bench.settings import Setting
 class GearRatio(Fault):
     """The shaft goes to (1 + g)·q. From 0.1 % on a wrong unit is more likely than a wrong gear."""
 
+    MJCF = "the target of motor joint `q1`"
     SETTINGS = (Setting("error", "ratio", low=-0.1, high=0.1, typical=2e-4, per="actuator", about="g of each drive"),)
     STAGE = 1
 

@@ -15,6 +15,7 @@ class GearRipple(Fault):
     The encoder on the pinion's shaft knows nothing of it: the arm stands at q + A·sin(n·q + φ). Up to 6 arcmin.
     """
 
+    MJCF = "the target of motor joint `q1`"
     SETTINGS = (
         Setting("amplitude", "angle", low=0.0, high=0.05, typical=3e-4, per="actuator", about="A, the largest error"),
         Setting("cycles", "count", 24.0, 1.0, 10000.0, about="n"),

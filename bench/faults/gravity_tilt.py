@@ -12,6 +12,7 @@ from pcalib import rotation
 class GravityTilt(Fault):
     """Gravity turns by the rotation vector (x, y, 0). A rigid robot does not feel it; typical 1–10 mrad."""
 
+    MJCF = "`option/gravity`"
     SETTINGS = (
         Setting("x", "angle", 0.0, -0.5, 0.5, typical=5e-3, about="about the base's x axis"),
         Setting("y", "angle", 0.0, -0.5, 0.5, typical=-3e-3, about="about the base's y axis"),

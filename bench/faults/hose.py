@@ -16,6 +16,7 @@ class Hose(Fault):
     whatever gives way, so put it beside a compliance. Typical: 20–100 N/m, rest length 0.5 m.
     """
 
+    MJCF = "a spatial tendon `hose` with `stiffness` and `springlength`"
     SETTINGS = (
         Setting("stiffness", "stiffness", low=0.0, high=1e4, typical=50.0, about="k"),
         Setting("rest_length", "length", 0.5, 0.0, 5.0, about="below which it hangs slack"),

@@ -18,6 +18,7 @@ class JointClearance(Fault):
     that of the force MuJoCo finds in the slide. Typical c: 4–12 µm.
     """
 
+    MJCF = "a held slide `rod11.gap` on body `tip11`, put to an end of its play by the force MuJoCo finds in it"
     SETTINGS = (
         Setting("gap", "length", low=0.0, high=1e-3, typical=10e-6, per="rod", about="c, the whole gap of both joints"),
     )

@@ -11,6 +11,7 @@ from bench.settings import Setting
 class PlateFlexing(Fault):
     """Each plate-side anchor sits on a spring slide along the plate's normal. Typical: 0.02–0.2 µm/N."""
 
+    MJCF = "bodies `ear11` … on spring slides along the plate's normal, which carry the sites of the joints"
     SETTINGS = (
         Setting("compliance", "compliance", low=0.0, high=1e-4, typical=1e-7, per="rod", about="1/k of each ear"),
     )

@@ -15,6 +15,7 @@ class RodCompliance(Fault):
     own weight. Carbon rods have 10–50 N/µm (0.02–0.1 µm/N).
     """
 
+    MJCF = "a slide `rod11.stretch` with `stiffness` on body `tip11`, along the rod"
     SETTINGS = (
         Setting("compliance", "compliance", low=0.0, high=1e-4, typical=5e-8, per="rod", about="1/k of each rod"),
     )

@@ -10,6 +10,7 @@ class ThermalArms(Growth):
 
     LETTER, PART = "a", "arms"
     NEEDS = ("temp_arms",)
+    MJCF = "positions of the rod bodies in the arms"
     SETTINGS = expansion(2.36e-05)
 
 

@@ -10,6 +10,7 @@ class ThermalBase(Growth):
 
     LETTER, PART = "p", "base"
     NEEDS = ("temp_base",)
+    MJCF = "positions of the arm (tower, foot) bodies in the base"
     SETTINGS = expansion(1.2e-05)
 
 

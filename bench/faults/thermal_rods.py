@@ -10,6 +10,7 @@ class ThermalRods(Growth):
 
     LETTER, PART = "l", "rods"
     NEEDS = ("temp_rods",)
+    MJCF = "positions of bodies `tip11` …"
     SETTINGS = expansion(2e-06)
 
 

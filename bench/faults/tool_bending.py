@@ -21,6 +21,7 @@ class ToolBending(Fault):
     tool's. A tool that hangs plumb does not bend. Typical c: 0.5–5 µm/N.
     """
 
+    MJCF = "hinges `tool.x`, `tool.y`, `tool.z` on body `tool`, their `stiffness` set for the length of each row's tool"
     SETTINGS = (Setting("compliance", "compliance", low=0.0, high=1e-3, typical=2e-6, about="c, of a tool of 100 mm"),)
 
     def build(self, spec: mujoco.MjSpec) -> None:

@@ -15,6 +15,7 @@ from pcalib import rotation
 class ToolCreep(Fault):
     """The tool turns about its mount by ρ·log10(1 + t/τ), t from the first row. Typical |ρ|: 50–500 µrad per decade."""
 
+    MJCF = "the tool vector in the frame of body `tool`"
     SETTINGS = (
         Setting(
             "turn", "angle", low=-0.1, high=0.1,

@@ -16,6 +16,7 @@ class TrackerDrift(Fault):
     Tenths of a millimetre in two hours; the same as a drift of the base the other way.
     """
 
+    MJCF = "nothing: it is the instrument's"
     SETTINGS = (
         Setting(
             "v", "velocity", np.zeros(3), -1e-5, 1e-5,

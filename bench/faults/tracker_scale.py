@@ -12,6 +12,7 @@ from bench.settings import Setting
 class TrackerScale(Fault):
     """All positions, from the instrument's own origin, are multiplied by 1 + s. Typical s: 10 ppm."""
 
+    MJCF = "nothing: it is the instrument's"
     SETTINGS = (Setting("scale", "ratio", low=-0.1, high=0.1, typical=1e-5, about="s"),)
     STAGE = 1
 

@@ -463,3 +463,45 @@ def test_a_sealed_fault_is_the_same_fault(name):
     again = truths.parse(truths.dumps(truth)).faults[0]
     for key, value in truth.faults[0].values.items():
         assert np.array_equal(again.values[key], value), key
+
+
+# -- other kinds of robots ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["hexa", "hexa321", "h4", "linear_delta", "hexapod"])
+def test_faults_of_other_kinds(kind):
+    """Drives give way by the change of MuJoCo's potential energy along them; what does not suit a kind says so."""
+    robot = robots.load(MODELS / f"{kind}.toml")
+    rigid = Machine(robot)
+    model, data = rigid.model, rigid.loops.data
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    center, nq = rigid.rig.driven.copy(), rigid.rig.actuators
+    low, high = robot.joint_range
+    home = rigid.kind.home(robot).q
+    q = home + 0.1 * (high - low) * RNG.uniform(-1, 1, (4, len(center)))
+
+    def energy(q):
+        assert rigid.land(q[None]).ok.all()
+        mujoco.mj_energyPos(model, data)
+        return data.energy[0]
+
+    load = np.array([[(energy(row - e) - energy(row + e)) / 2e-5 for e in 1e-5 * np.eye(nq)] for row in q])
+    soft = faults.typical(robot, "drive_compliance")
+    landing = Machine(robot, None, [soft]).land(q)
+    expected = rigid.land(q + soft.values["compliance"] * load).tcp
+    moved = landing.tcp - rigid.land(q).tcp
+    assert landing.ok.all() and np.abs(moved).max() > 1e-8
+    assert np.abs(landing.tcp - expected).max() < 0.01 * np.sqrt(np.mean(np.sum(moved**2, axis=1)))
+
+    columns = {f"temp_{part}": 30.0 for part in ("arms", "rods", "base")} | {f"dir{i + 1}": 1.0 for i in range(nq)}
+    busy = Commands.of(q, [0.03, 0, -0.05], 0.5, time=np.arange(len(q)) * 600.0, **columns)
+    suited = 0
+    for name in faults.names():
+        try:
+            machine = Machine(robot, None, [faults.typical(robot, name)])
+        except InputError as error:
+            assert robot.kind in str(error) and "leave this fault out" in str(error)
+            continue
+        assert machine.run(busy).ok.all()
+        suited += 1
+    assert suited >= 16
