@@ -13,7 +13,7 @@ from pcalib.identifiability import priors
 from pcalib.measurement import Measurements
 from pcalib.workspace import reachable
 
-NAMES = ("delta_small", "delta_large", "hexa", "hexa321", "h4", "linear_delta", "hexapod")
+NAMES = sorted(path.stem for path in MODELS.glob("*.toml") if path.stem not in ("delta", "planar"))
 TOOL = np.array([0.02, -0.01, -0.15])
 SIGMA_POS, SIGMA_ROT = 2e-5, np.radians(0.005)
 
