@@ -142,7 +142,7 @@ def _first_order_chunk(
     df = np.einsum("nmc,mc->nm", rows, model.errors[columns])
     extra = np.zeros((n, 6))
     if model.effects:
-        usable: np.ndarray = np.isfinite(q).all(axis=1)
+        usable = np.asarray(np.isfinite(q).all(axis=1))
         df = np.where(usable[:, None], df, np.nan)
         there = prediction.situation(replace(model, k=nominal), np.nan_to_num(q), pose, conditions, kinematics.RIGID)
         total = prediction.contributions(model, there)

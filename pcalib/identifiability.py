@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -32,8 +33,8 @@ class Identifiability:
     names: tuple[str, ...]
     ratio: np.ndarray
     """(nz,) prior σ / posterior σ of each singular direction, descending."""
-    directions: np.ndarray
-    """(nz, nz) unit directions in prior-scaled parameters, one per column."""
+    factor: np.ndarray
+    """(·, nz) triangular factor of the prior-scaled Jacobian, columns in the order of `names`."""
     base: tuple[str, ...]
     """The identifiable base δk_b: parameters that pivoted QR keeps (paper after eq. 24)."""
     dependent: dict[str, dict[str, float]]
@@ -43,6 +44,11 @@ class Identifiability:
     def n_identified(self) -> int:
         """Directions above the threshold."""
         return int(np.sum(self.ratio > THRESHOLD))
+
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """(nz, nz) unit directions in prior-scaled parameters, one per column, in the order of `ratio`."""
+        return np.linalg.svd(self.factor)[2].T
 
     def sentences(self) -> list[str]:
         """The null directions in words."""
@@ -76,24 +82,24 @@ def analyse(
         nuisance: (M, n) whitened columns of unknowns without prior, projected out first.
     """
     scaled = project_out(J, nuisance) * prior
-    if len(scaled) > scaled.shape[1]:
-        scaled = np.asarray(np.linalg.qr(scaled, mode="r"))
-    _, s, Vt = np.linalg.svd(scaled)
+    R, pivot = cast(
+        tuple[np.ndarray, np.ndarray], scipy.linalg.qr(scaled, mode="r", pivoting=True, check_finite=False)
+    )
+    R = R[: scaled.shape[1]]
     ratio = np.zeros(scaled.shape[1])
-    ratio[: len(s)] = s
+    ratio[: len(R)] = np.linalg.svd(R, compute_uv=False)  # those of `scaled` itself
     rank = int(np.sum(ratio > THRESHOLD))
-    R, pivot = cast(tuple[np.ndarray, np.ndarray], scipy.linalg.qr(scaled, mode="r", pivoting=True))
     base: list[int] = pivot[:rank].tolist()
     others: list[int] = pivot[rank:].tolist()
+    mix = scipy.linalg.solve_triangular(R[:rank, :rank], R[:rank, rank:]) if rank else np.zeros((0, len(others)))
     dependent: dict[str, dict[str, float]] = {}
-    if rank:
-        mix = scipy.linalg.solve_triangular(R[:rank, :rank], R[:rank, rank:])
-        mix = mix / prior[base][:, None] * prior[others]  # in parameter units
-        for j, column in enumerate(others):
-            scale = np.abs(mix[:, j] * prior[base] / prior[column])
-            heavy = [i for i in np.argsort(-scale).tolist() if scale[i] > 0.05][:6]
-            dependent[names[column]] = {names[base[i]]: float(mix[i, j]) for i in heavy}
-    return Identifiability(tuple(names), ratio, Vt.T, tuple(names[i] for i in base), dependent)
+    for column, share in zip(others, mix.T, strict=True):  # in prior-scaled units
+        order: list[int] = np.argsort(-np.abs(share)).tolist()
+        heavy = [i for i in order if abs(share[i]) > 0.05][:6]
+        dependent[names[column]] = {names[base[i]]: float(share[i] / prior[base[i]] * prior[column]) for i in heavy}
+    factor = np.empty_like(R)
+    factor[:, pivot] = R
+    return Identifiability(tuple(names), ratio, factor, tuple(names[i] for i in base), dependent)
 
 
 @dataclass(frozen=True)
