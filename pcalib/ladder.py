@@ -104,11 +104,8 @@ class ErrorMap:
 
     @property
     def label(self) -> str:
-        """'tool 300 mm'; a tool that does not hang straight below the plate is given by its three numbers."""
-        x, y, z = (float(round(v * 1e3, 3)) + 0.0 for v in self.tool)
-        if x == y == 0 and z <= 0:
-            return f"tool {abs(z):g} mm"
-        return f"tool ({x:g}, {y:g}, {z:g}) mm"
+        """How the tool is called: 'tool 300 mm'."""
+        return tool_label(self.tool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +140,14 @@ class Ladder:
     def worst_tool(self) -> int:
         """Index of the map with the largest RMS at the first step."""
         return int(np.nanargmax(self.rms[0])) if np.isfinite(self.rms[0]).any() else 0
+
+
+def tool_label(tool: np.ndarray) -> str:
+    """'tool 300 mm'; a tool (3,) [m] that does not hang straight below the plate is given by its three numbers."""
+    x, y, z = (float(round(v * 1e3, 3)) + 0.0 for v in tool)
+    if x == y == 0 and z <= 0:
+        return f"tool {abs(z):g} mm"
+    return f"tool ({x:g}, {y:g}, {z:g}) mm"
 
 
 def table(ladder: Ladder) -> tuple[list[str], list[list[str]]]:

@@ -8,11 +8,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
 
+from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import JsonOption, quantity
 
 
@@ -20,7 +21,7 @@ def command(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("out/demo"),
     robot: Path | None = None,
-    tool: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
+    tool: ToolsOption = (),
     length_error: Annotated[np.ndarray | None, quantity("length")] = None,
     angle_error: Annotated[np.ndarray | None, quantity("angle")] = None,
     poses: int = 40,
@@ -48,42 +49,29 @@ def command(
 
     from bench.jobs import demo
     from bench.kinds import MODELS
-    from pcalib import ladder as ladders
     from pcalib import robot as robots
-    from pcalib import units
     from pcalib.cli import frame
     from pcalib.errors import InputError
 
     begun = time.monotonic()
     described = robots.load(MODELS / "delta.toml" if robot is None else robot)
-    given: dict[str, object] = {"poses": poses, "seed": seed}
     if poses < 1 or seed < 0:
         raise InputError(f"--poses {poses} --seed {seed}: at least one pose, and no negative seed, please")
-    for name, value in (("sigma_length", length_error), ("sigma_angle", angle_error), ("spacing", spacing)):
+    given: dict[str, Any] = {}
+    for name, option, value in (
+        ("sigma_length", "--length-error", length_error),
+        ("sigma_angle", "--angle-error", angle_error),
+        ("spacing", "--spacing", spacing),
+    ):
         if value is not None:
-            if not 0 <= value[0] < 1 or (name == "spacing" and value[0] == 0):
-                raise InputError(f"{name.replace('sigma_', '')} {value[0]:g} (SI) makes no sense here")
             given[name] = float(value[0])
-    if tool:
-        tools = [units.parse_quantity(text, "length", option="--tool") for text in tool]
-        if any(len(t) != 3 for t in tools):
-            raise InputError("--tool needs three numbers", remedy="for example --tool 0,0,-300mm")
-        given["tools"] = tuple(tuple(float(v) for v in t) for t in tools)
-    settings = demo.Settings(**given)  # type: ignore[arg-type]
+            if not 0 <= given[name] < 1:
+                raise InputError(f"{option}: {given[name]:g} (SI) makes no sense here")
+    tools = tuple(tuple(t.tolist()) for t in tool_options(tool)) or demo.Settings.tools
+    settings = demo.Settings(poses=poses, seed=seed, tools=tools, **given)
     with frame.progress("measuring, identifying and landing", demo.stages(settings)) as advance:
         done = demo.run(described, settings, advance)
     files = demo.write(done, output)
     frame.write_json(json, demo.content(done))
-
-    frame.say(ladders.sentence(done.ladder))
-    print()
-    frame.show_table(*ladders.table(done.ladder))
-    n = len(done.ladder.maps[0].targets)
-    frame.say(
-        f"{done.data.q.shape[0]} measured poses, {settings.check} of them held out; {n} targets per tool, landed by "
-        f"MuJoCo; {time.monotonic() - begun:.1f} s. Files in {output}:"
-    )
-    frame.say(f"- {files['report'].name}: the report, for any browser")
-    frame.say(f"- {files['recording'].name}: the robot and its error field; open it with: pcalib view {output}")
-    frame.say(f"- {files['data'].name}, {files['truth'].name}, {files['complete'].name} …: data, truth and models")
+    demo.show(done, files, time.monotonic() - begun)
     return frame.OK

@@ -21,6 +21,7 @@ from bench.plan import Plan
 from bench.truth import Truth
 from pcalib import compensation, files, grid, identification, measurement, modelfile, planning, summary
 from pcalib import ladder as ladders
+from pcalib.cli import frame
 from pcalib.identification import Fit
 from pcalib.ladder import ErrorMap, Ladder, Step
 from pcalib.measurement import Measurements
@@ -46,7 +47,7 @@ class Settings:
     """Measured poses, D-optimal."""
     check: int = 20
     """Further random poses, held out."""
-    tools: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), (0.0, 0.0, -0.3))
+    tools: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), (0.0, 0.0, -0.3))
     spacing: float | None = None
     """Distance of the targets; a fifth of the workspace's radius when absent."""
     seed: int = 5
@@ -219,6 +220,21 @@ def write(demo: Demo, folder: Path) -> dict[str, Path]:
     view.write(out["recording"], demo.ladder, identity=f"demo of {demo.truth.robot.name}, seed {demo.settings.seed}")
     demo_report.write(out["report"], demo)
     return out
+
+
+def show(demo: Demo, files: Mapping[str, Path], seconds: float) -> None:
+    """Print the outcome: one sentence, the ladder, what was written."""
+    frame.say(ladders.sentence(demo.ladder))
+    print()
+    frame.show_table(*ladders.table(demo.ladder))
+    folder, n = files["report"].parent, len(demo.ladder.maps[0].targets)
+    frame.say(
+        f"{len(demo.data)} measured poses, {demo.settings.check} of them held out; {n} targets per tool, landed by "
+        f"MuJoCo; {seconds:.1f} s. Files in {folder}:"
+    )
+    frame.say(f"- {files['report'].name}: the report, for any browser")
+    frame.say(f"- {files['recording'].name}: the robot and its error field; open it with: pcalib view {folder}")
+    frame.say(f"- {files['data'].name}, {files['truth'].name}, {files['complete'].name} …: data, truth and models")
 
 
 def content(demo: Demo) -> dict[str, Any]:

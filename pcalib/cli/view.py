@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
+from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import quantity
 
 
@@ -21,7 +21,7 @@ def command(
     run: Path,
     /,
     *,
-    tool: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
+    tool: ToolsOption = (),
     payload: Annotated[np.ndarray | None, quantity("mass")] = None,
     save: Path | None = None,
     browser: bool = False,
@@ -43,7 +43,7 @@ def command(
     import shutil
     import tempfile
 
-    from pcalib import files, modelfile, units, view
+    from pcalib import files, modelfile, view
     from pcalib.cli import frame
     from pcalib.errors import InputError
     from pcalib.view import viewer
@@ -61,9 +61,7 @@ def command(
         frame.say(f"Recording copied to {save}.")
         return None
 
-    tools = [units.parse_quantity(text, "length", option="--tool") for text in tool]
-    if any(len(t) != 3 for t in tools):
-        raise InputError("--tool needs three numbers", remedy="for example --tool 0,0,-300mm")
+    tools = tool_options(tool)
     model = modelfile.load(run, effect_file)
     what = predicted(model, tools, 0.0 if payload is None else float(payload[0]), effect_file)
     if save is not None:
