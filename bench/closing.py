@@ -7,8 +7,6 @@ rounding. Nothing here knows what robot it is, nor any formula of parallel robot
 Compliant robots have more free joints than constraints; their rest position is found in `bench.equilibrium`.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import math
@@ -17,7 +15,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.linalg.lapack import dgesv, dgetrf
+from scipy.linalg.lapack import dgesv, dgetrf  # pyright: ignore[reportAttributeAccessIssue]
 
 TOLERANCE = 1e-12
 """[m] loop error of a closed pose."""

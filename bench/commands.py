@@ -59,7 +59,7 @@ class Commands:
         q: np.ndarray,
         tool: np.ndarray | float = 0.0,
         payload: np.ndarray | float = 0.0,
-        **columns: np.ndarray,
+        **columns: np.ndarray | float,
     ) -> Commands:
         """Commands from actuator values (N, nq); tool and payload are common or one per row."""
         q = np.atleast_2d(np.asarray(q, float))

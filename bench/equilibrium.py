@@ -14,8 +14,6 @@ smaller by load/(length × stiffness), 1e-5 of stiff machine parts, so each step
 are soft and steps gain too little, K is taken by central differences of F + Jᵀλ.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import math
@@ -24,7 +22,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgesv  # pyright: ignore[reportAttributeAccessIssue]
 
 from bench.closing import Loops
 

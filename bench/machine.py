@@ -17,8 +17,6 @@ bits. Newton starts at home with the motors moved; where that ends on another br
 walked there in small steps before the pose is given up.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence

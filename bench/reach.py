@@ -3,12 +3,10 @@
 The loops and the wanted components of the plate's pose are solved together for all joints, the motors included.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
+from scipy.linalg.lapack import dgesv  # pyright: ignore[reportAttributeAccessIssue]
 
 from bench.closing import LARGEST_STEP, TOLERANCE
 from bench.machine import Machine

@@ -1,7 +1,5 @@
 """The compiled robot with its faults built in: the object that a machine moves and that faults get their hands on."""
 
-# pyright: reportAttributeAccessIssue=false
-# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 from collections.abc import Sequence

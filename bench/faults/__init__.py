@@ -22,8 +22,6 @@ Settings may be of a dimension that the robot decides: 'drive' is an angle on ro
 'drive_compliance' and 'drive_per_kelvin' likewise.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import importlib

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bench.commands import Row
 from bench.faults import Fault
 from bench.rig import Rig
@@ -21,7 +23,7 @@ class GravityTilt(Fault):
     loaded = True
 
     def prepare(self, rig: Rig, row: Row) -> None:
-        rig.model.opt.gravity = rotation.exp([self.values["x"], self.values["y"], 0.0]) @ rig.model.opt.gravity
+        rig.model.opt.gravity = rotation.exp(np.array([self.values["x"], self.values["y"], 0.0])) @ rig.model.opt.gravity
 
 
 FAULT = GravityTilt

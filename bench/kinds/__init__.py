@@ -12,8 +12,6 @@ A file of this folder that defines ``KIND`` is a kind. The rest of the bench fin
 Spatial tendons may stand in for rod bodies in a further variant, between sites a<r> and b<r>.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import importlib

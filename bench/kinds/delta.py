@@ -4,8 +4,6 @@ The files are the robot of models/delta.toml. For another Delta the masses, join
 MjSpec; lengths and angles are written in place like any perturbation.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# The names of mujoco come from a compiled module.
 from __future__ import annotations
 
 import math
