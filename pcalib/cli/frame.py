@@ -242,7 +242,9 @@ def _help(source: Path) -> tuple[str, str]:
     about = described.partition("\n\n")[2]
     for section in ("Args:", "Returns:", "Raises:"):
         about = about.partition(section)[0]
-    text = "\n\n".join(part for part in (" ".join(summary.split()), about.strip()) if part)
+    # Paragraphs are wrapped to the terminal, not to the source.
+    paragraphs = [summary, *(textwrap.dedent(about).split("\n\n"))]
+    text = "\n\n".join(" ".join(part.split()) for part in paragraphs if part.strip())
     return text, f"Examples:\n{textwrap.indent(inspect.cleandoc(examples), '  ')}" if examples.strip() else ""
 
 
