@@ -48,6 +48,10 @@ _OF_DRIVES = {
 """Dimension by what the drives do, and the usual size on carriages per usual size on arms."""
 
 
+STIFFEST = 1e13
+"""[N/m, N·m/rad] springs are no stiffer: this one gives way by less than rounding, and leaves room for soft ones."""
+
+
 class Fault:
     """Base of all faults: settings as attributes, and hooks that do nothing."""
 
@@ -168,7 +172,7 @@ class Fault:
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         joint.armature = 1e-4  # joints in series would have no inertia of their own; at rest it makes no difference
         if stiffness:
-            joint.stiffness[0] = stiffness
+            joint.stiffness[0] = min(stiffness, STIFFEST)
             self.springs.append(joint.name)
         else:
             self.held.append(joint.name)

@@ -23,7 +23,8 @@ class GravityTilt(Fault):
     loaded = True
 
     def prepare(self, rig: Rig, row: Row) -> None:
-        rig.model.opt.gravity = rotation.exp(np.array([self.values["x"], self.values["y"], 0.0])) @ rig.model.opt.gravity
+        turn = rotation.exp(np.array([self.values["x"], self.values["y"], 0.0]))
+        rig.model.opt.gravity = turn @ rig.model.opt.gravity
 
 
 FAULT = GravityTilt

@@ -104,6 +104,14 @@ def test_load_on_a_rigid_drive_is_the_change_of_potential_energy(payload):
         assert np.allclose(load, -np.array(slope), rtol=1e-6, atol=1e-6)
 
 
+def test_over_stiff_springs_are_rigid_beside_soft_ones():
+    soft = SPRINGS[1]
+    stiff = fault("drive_compliance", compliance_urad_Nm=1e-300)
+    commands = Commands.of(np.random.default_rng(3).uniform(-0.8, 0.3, (10, 3)), TOOL, 1.0)
+    both, alone = (Machine(ROBOT, None, present).run(commands) for present in ((soft, stiff), (soft,)))
+    assert both.ok.all() and np.abs(both.tcp - alone.tcp).max() < 1e-11
+
+
 def test_absurd_springs_say_so():
     machine = Machine(ROBOT, None, [fault("rod_compliance", compliance_mm_N=0.1)])
     machine.model.jnt_stiffness[:] *= 1e-4  # rods of rubber bands: beyond what a file may ask for
