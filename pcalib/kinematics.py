@@ -16,6 +16,8 @@ from pcalib.mechanism import BaseSide, Hinge, Mechanism, Pose
 
 CHUNK = 2000
 """Poses per batch: the working set of one batch stays in the processor's cache."""
+TOLERANCE = 1e-14
+"""[m] closure error at which Newton stops: a few times what rounding leaves on a robot of metres."""
 TOGETHER = 6
 """Newton steps of a whole batch; the few poses that need more go on alone."""
 SINGULAR = 1e12
@@ -348,7 +350,7 @@ def forward(
     q: np.ndarray,
     start: Pose | None = None,
     deviation: Deviation = RIGID,
-    tolerance: float = 1e-12,
+    tolerance: float = TOLERANCE,
     max_iterations: int = 40,
 ) -> Solution:
     """FPR_C: plate poses for actuator values q (N, nq), by Newton on the complete closure.
@@ -408,7 +410,7 @@ def inverse(
     tool: np.ndarray | float = 0.0,
     start: Solution | None = None,
     deviation: Deviation = RIGID,
-    tolerance: float = 1e-12,
+    tolerance: float = TOLERANCE,
     max_iterations: int = 40,
 ) -> Solution:
     """IPR_C: actuator values that bring the TCP to given positions (N, 3) [m]; the plate's free turn is solved for.
@@ -504,7 +506,9 @@ def initial_actuators(mechanism: Mechanism, k: np.ndarray, pose: Pose) -> np.nda
     spread[np.arange(each.shape[1]), mechanism.actuator] = 1.0
     known = ~np.isnan(each).all(axis=0)  # guided rows have no reach of their own
     spread[~known] = 0.0
-    return np.where(known, each, 0.0) @ (spread / spread.sum(axis=0))
+    count = spread.sum(axis=0)
+    count[count == 0.0] = np.nan  # no rod of this actuator reaches its pose anywhere
+    return np.where(known, each, 0.0) @ (spread / count)
 
 
 def _with_yaw_of(R: np.ndarray, wanted: np.ndarray) -> np.ndarray:
