@@ -1,0 +1,43 @@
+"""Numbers as people write them."""
+
+import numpy as np
+import pytest
+
+from pcalib import wording
+
+
+@pytest.mark.parametrize(
+    ("metres", "text"),
+    [
+        (20.5e-6, "20.5 µm"), (0.0, "0.0 µm"), (142e-6, "142 µm"), (999.4e-6, "999 µm"), (999.6e-6, "1.00 mm"),
+        (3.3166e-3, "3.32 mm"), (4e-13, "4.0e-07 µm"), (np.nan, "–"), (99.44e-6, "99.4 µm"), (99.6e-6, "100 µm"),
+    ],
+)  # fmt: skip
+def test_size(metres, text):
+    assert wording.size(metres) == text
+
+
+def test_round_size():
+    assert [wording.round_size(10.0**n) for n in range(-6, 0)] == ["1 µm", "10 µm", "100 µm", "1 mm", "10 mm", "100 mm"]
+
+
+@pytest.mark.parametrize(
+    ("value", "sign", "text"), [(-1.2346, "-", "−1.235"), (1.0, "+", "+1.000"), (-1e-9, "-", "0.000"), (np.inf, "-", "–")]
+)
+def test_number(value, sign, text):
+    assert wording.number(value, 3, sign) == text
+
+
+def test_effect_in_its_own_unit():
+    from dataclasses import dataclass
+
+    from pcalib.effects.base import EffectParameter
+    from pcalib.model import FittedEffect
+
+    @dataclass(frozen=True)
+    class Plain:
+        name = "plain"
+        parameters = (EffectParameter("c", "urad_Nm", 1e-5),)
+
+    fitted = FittedEffect(Plain(), np.array([8e-5]), sigma=np.array([2e-6]))  # pyright: ignore[reportArgumentType]
+    assert wording.effect(fitted) == "plain: c = 80 ± 2 µrad/N·m"
