@@ -116,11 +116,11 @@ def arm(
             turn = rotation.about(Z, np.array(azimuth))
             part = body(part, f"arm{tag}", pos, mass=mass * share, com=(0, middle, 0), turn=turn)
             joint(part, f"q{tag}", (1, 0, 0), range=robot.joint_range)
-            draw(part, mujoco.mjtGeom.mjGEOM_CYLINDER, [0.09 * length, 0.1 * length, 0], FRAME, quat=[1, 0, 1, 0])
+            draw(part, mujoco.mjtGeom.mjGEOM_CYLINDER, [0.07 * length, 0.08 * length, 0], FRAME, quat=[1, 0, 1, 0])
         else:
             step = inner if name == "beam" else outer - inner
             part = body(part, f"{name}{tag}", (0, step, 0), mass=mass * share, com=(0, middle, 0))
-        bar(part, (0, 0, 0), (0, end - start, 0), 0.06 * length, ARM)
+        bar(part, (0, 0, 0), (0, end - start, 0), 0.045 * length, ARM)
     return part, np.array([0.0, outer, 0.0])
 
 

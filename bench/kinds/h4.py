@@ -38,7 +38,7 @@ def _middle_of_pair(robot: Robot, arm: str) -> np.ndarray:
 def _spec(robot: Robot) -> mujoco.MjSpec:
     size = robot.dimensions
     spec = assembly.skeleton(robot)
-    plate = spec.body("plate")
+    plate, half = spec.body("plate"), 0.5 * size["rod_spacing"]
     for side, arm in (("1", "1"), ("2", "3")):
         point = 0.5 * size["hinge_distance"] * _outward(arm)
         # Both bodies have the plate's origin: only the joint's own point and axis say where the hinge is.
@@ -48,12 +48,13 @@ def _spec(robot: Robot) -> mujoco.MjSpec:
     for arm in ARMS:
         azimuth = size["axis_azimuth"][int(arm) - 1]
         elbow, origin = assembly.arm(spec, robot, arm, _base(robot, arm), azimuth)
-        for j, x in (("1", -0.5 * size["rod_spacing"]), ("2", 0.5 * size["rod_spacing"])):
+        ends = [np.array([x, size["arm_length"], 0.0]) - origin for x in (-half, half)]
+        assembly.bar(elbow, *ends, 0.02 * size["arm_length"], assembly.BALL)
+        for j, x, end in (("1", -half, ends[0]), ("2", half, ends[1])):
             hinge = 0.5 * size["hinge_distance"] * _outward(arm)
             b = _middle_of_pair(robot, arm) + _turn(robot, arm) @ [x, 0, 0]
             assembly.anchor(spec.body(f"side{SIDE[arm]}"), arm + j, b, hinge)
-            a = np.array([x, size["arm_length"], 0.0]) - origin
-            assembly.rod(spec, robot, elbow, arm + j, a, size["rod_length"])
+            assembly.rod(spec, robot, elbow, arm + j, end, size["rod_length"])
     return spec
 
 
