@@ -13,7 +13,8 @@ def _micro(value: float) -> float | None:
     return float(value * 1e6) if np.isfinite(value) else None
 
 
-def _accuracy(a: Accuracy) -> dict[str, Any]:
+def accuracy_json(a: Accuracy) -> dict[str, Any]:
+    """The figures of a fit on some rows."""
     return {
         "rms_pos_um": _micro(a.rms_pos),
         "max_pos_um": _micro(a.max_pos),
@@ -66,8 +67,8 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         ],
         "n_identified": fit.n_identified,
         "n_expected": fit.expected,
-        **_accuracy(fit.fit),
-        "check": _accuracy(fit.check) if fit.check else None,
+        **accuracy_json(fit.fit),
+        "check": accuracy_json(fit.check) if fit.check else None,
         "prior_scale": fit.prior_scale,
         "iterations": fit.iterations,
         "parameters": parameters,
@@ -104,10 +105,10 @@ def combinations(fit: Fit) -> dict[str, dict[str, Any]]:
 def statistics(fit: Fit) -> dict[str, Any]:
     """The figures a model file keeps of its fit."""
     found: dict[str, Any] = {
-        "method": fit.method, "n_identified": fit.n_identified, "prior_scale": fit.prior_scale, **_accuracy(fit.fit),
+        "method": fit.method, "n_identified": fit.n_identified, "prior_scale": fit.prior_scale, **accuracy_json(fit.fit),
     }  # fmt: skip
     if fit.check:
-        found["check"] = _accuracy(fit.check)
+        found["check"] = accuracy_json(fit.check)
     return found
 
 

@@ -54,5 +54,6 @@ class Point:
         ones = [np.broadcast_to(row, (N, nq)) for row in np.eye(nq)]
         rods = [np.broadcast_to(row, (N, m)) for row in np.eye(m)]
         return Response(
-            self.columns([Contribution(actuator=one) for one in ones]), self.columns([Contribution(rod=rod) for rod in rods])
+            self.columns([Contribution(actuator=one) for one in ones]),
+            self.columns([Contribution(rod=rod) for rod in rods]),
         )

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import identification
+from pcalib import identification, linearisation
 from pcalib.diagnosis import adequacy, limits
 from pcalib.diagnosis.adequacy import ALPHA, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
 from pcalib.diagnosis.misfit import Misfit, misfit
 from pcalib.diagnosis.noise import NoiseLevel
+from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem
 from pcalib.diagnosis.screen import Screen
 from pcalib.diagnosis.verdict import Explanation, decide, refuted
@@ -44,18 +45,6 @@ class Finding:
     """(np,) [SI] size that would have been found with 90 % power."""
     note: str = ""
     """Why it cannot be what is missing, where that is clear."""
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One cell of the heat map."""
-
-    channel: str
-    variable: str
-    p: float
-    """Corrected."""
-    s: float
-    """Norm of what this cell could take up, noise units."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +118,7 @@ def diagnose(
         sets=tuple(sets),
         refuted=refuted(tested, sets),
         findings=findings,
-        cells=_cells(made, screen, start, null),
+        cells=cells(made.patterns, len(made.candidates), screen, start.p, null),
         unavailable=made.unavailable,
         noise=made.noise,
         misfit=misfit(made),
@@ -260,7 +249,7 @@ def _checked(explanation: Explanation, made: Problem, data: Measurements) -> Exp
     ratio = np.repeat(made.noise.ratio, 3)
     both = []
     for model in (made.model, after):
-        error, _ = identification.residuals(model, rows)
+        error, _ = linearisation.residuals(model, rows)
         both.append(float(np.nansum((error / (rows.sigma * ratio)) ** 2)))
     return replace(explanation, held_out=(both[0], both[1]))
 
@@ -298,18 +287,3 @@ def _findings(
             )
         )
     return tuple(sorted(out, key=lambda f: (f.p, -f.s)))
-
-
-def _cells(made: Problem, screen: Screen, start: Test, null: np.ndarray) -> tuple[Cell, ...]:
-    first = len(made.candidates)
-    out = [
-        Cell(
-            pattern.channel,
-            pattern.variable,
-            float(adequacy.corrected(start.p[first + i], null)),
-            float(np.linalg.norm(screen.blocks[first + i].T @ screen.y)),
-        )
-        for i, pattern in enumerate(made.patterns)
-    ]
-    order = sorted(range(len(out)), key=lambda i: start.p[first + i])
-    return tuple(out[i] for i in order)

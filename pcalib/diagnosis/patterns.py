@@ -6,12 +6,14 @@ adequate only where no pattern improves on it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from pcalib.diagnosis.adequacy import corrected
 from pcalib.diagnosis.channels import Point, Response
+from pcalib.diagnosis.screen import Screen
 
 CHANNELS = {
     "actuator": "motor angles",
@@ -32,6 +34,40 @@ class Pattern:
     """(N, 6, p) derivative of the readings [m, rad] by each coefficient, whose unit size is `size`."""
     size: float
     """[rad or m] usual deviation in this channel, the scale of the coefficients."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What the data say about one pattern."""
+
+    channel: str
+    variable: str
+    p: float
+    """Corrected for everything that was looked at."""
+    s: float
+    """Norm of what it could take up, noise units."""
+    d: int
+    """Columns."""
+
+
+def cells(patterns: Sequence[Pattern], first: int, screen: Screen, p: np.ndarray, null: np.ndarray) -> tuple[Cell, ...]:
+    """The map of a screen whose groups from `first` on are the patterns, hottest cell first.
+
+    Args:
+        p: (G,) single p values of the screen's groups.
+        null: (n,) smallest p of noise draws, ascending.
+    """
+    order = sorted(range(len(patterns)), key=lambda i: p[first + i])
+    return tuple(
+        Cell(
+            patterns[i].channel,
+            patterns[i].variable,
+            float(corrected(p[first + i], null)),
+            float(np.linalg.norm(screen.blocks[first + i].T @ screen.y)),
+            int(screen.visible[first + i]),
+        )
+        for i in order
+    )
 
 
 def legendre(values: np.ndarray, low: int, high: int) -> np.ndarray:
@@ -71,11 +107,11 @@ def patterns(point: Point, budget: int, total: int) -> list[Pattern]:
 
 def _within(build: Callable[[int], np.ndarray], degree: int, budget: int) -> np.ndarray:
     """The columns of a cell at the highest degree that keeps to the budget; none where not even 1 does."""
-    for lower in range(degree, 0, -1):
-        columns = build(lower)
-        if columns.shape[-1] <= budget:
-            return columns
-    return columns[..., :0]
+    columns = build(degree)
+    while columns.shape[-1] > budget and degree > 1:
+        degree -= 1
+        columns = build(degree)
+    return columns if columns.shape[-1] <= budget else columns[..., :0]
 
 
 _SIZE = {"actuator": 3e-4, "parallelogram": 1e-4, "rod": 1e-4, "body": 1e-4}

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pcalib import identification
+from pcalib import linearisation
 from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis import outliers
 from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates, level_columns, richer_levels
@@ -63,6 +63,11 @@ class Problem:
             Group(f"{p.channel} × {p.variable}", self.whitened(p.columns), np.full(p.columns.shape[-1], p.size), True)
             for p in self.patterns
         ]
+
+    @property
+    def set_aside(self) -> np.ndarray:
+        """Indices into `given` of the outliers that were left out."""
+        return np.zeros(0, int) if self.outliers.too_many else self.outliers.rows
 
     @property
     def classes(self) -> np.ndarray:
@@ -123,8 +128,8 @@ def problem(
 
 def _linearised(model: Model, fit: Measurements, own: Sequence[Effect]) -> Problem:
     unknowns = unknowns_of(model, model.level, model.effects, fit.frame == "tracker")
-    linear = identification.linearise(model, fit, unknowns)
-    point = Point.of(model, linear.prediction, identification.conditions_of(fit))
+    linear = linearisation.linearise(model, fit, unknowns)
+    point = Point.of(model, linear.prediction, linearisation.conditions_of(fit))
     nuisance = linear.jacobian * unknowns.scale
 
     def whiten(columns: np.ndarray) -> np.ndarray:

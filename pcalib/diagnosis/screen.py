@@ -76,7 +76,7 @@ class Screen:
     pattern: np.ndarray
     """(G,) bool."""
     blocks: tuple[np.ndarray, ...]
-    """G arrays (D, d_g): orthonormal basis of the visible part of each group; d_g = 0 where nothing of it is visible."""
+    """G arrays (D, d_g): orthonormal basis of each group's visible part; d_g = 0 where there is none."""
     parts: tuple[np.ndarray, ...]
     """G arrays (D, p_g): visible columns per unit parameter."""
     trials: np.ndarray
@@ -84,6 +84,10 @@ class Screen:
     full: tuple[np.ndarray, ...]
     """G arrays (p_g,): norm of each column before the nuisance was projected out, noise units per unit parameter."""
     scale: tuple[np.ndarray, ...]
+    basis: np.ndarray
+    """(M, D) the span in the space of readings."""
+    residual: np.ndarray
+    """(M,) readings less what the nuisance takes up."""
     y: np.ndarray
     """(D,) residuals."""
     draws: np.ndarray
@@ -216,6 +220,8 @@ def screen(
         trials=np.array([group.trials for group in groups], int),
         full=tuple(np.linalg.norm(group.columns, axis=0) for group in groups),
         scale=tuple(np.asarray(group.scale, float) for group in groups),
+        basis=W,
+        residual=y,
         y=at,
         draws=draws,
         left=None if from_rest or left[1] < REST else left,

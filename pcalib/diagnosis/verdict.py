@@ -31,9 +31,7 @@ class Explanation:
 
     def words(self) -> str:
         """Its effects with their sizes."""
-        return "; ".join(
-            in_words(c, theta) for c, theta in zip(self.candidates, self.theta, strict=True)
-        )
+        return "; ".join(in_words(c, theta) for c, theta in zip(self.candidates, self.theta, strict=True))
 
 
 def in_words(candidate: Candidate, theta: np.ndarray) -> str:

@@ -1,0 +1,50 @@
+"""Refit a model with one effect more, and see what it changes.
+
+pcalib add drive_compliance data.csv --model m.toml
+pcalib add backlash:arm data.csv --model m.toml -o m2.toml
+pcalib add complete data.csv --model model24.toml
+pcalib add worm_gear.py:WormGear data.csv --model m.toml
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli.frame import JsonOption, write_json
+
+
+def command(
+    effect: str,
+    data: Path,
+    /,
+    *,
+    model: ModelOption,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    effect_file: EffectFiles = (),
+    json: JsonOption = None,
+) -> int | None:
+    """Refit a model with one effect more, and see what it changes.
+
+    Geometry, effects and measuring frame are fitted again together. The model file keeps every step: 'pcalib log' shows
+    them, 'pcalib drop' and 'pcalib log --back-to' undo them.
+
+    Args:
+        effect: NAME, NAME:arm, NAME:rod, a geometry level, or file.py:Class of your own.
+        data: Measurement file, CSV or Parquet.
+        output: Model file to write; the same file when absent.
+    """
+    from pcalib.cli._inputs import read
+    from pcalib.cli._steps import finish
+    from pcalib.diagnosis import results, steps
+
+    if ".py" in effect and effect not in effect_file:
+        effect_file = (*effect_file, effect)
+    calibrated, measured, own = read(model, data, effect_file)
+    step = steps.add(calibrated, measured, effect, own)
+    write_json(json, results.step_json(step))
+    finish(step, calibrated, data, output or model)
+    return None

@@ -1,0 +1,99 @@
+"""Where a model and measurements differ, and whether it is more than noise.
+
+pcalib compare data.csv --model m.toml
+pcalib compare data.csv --model m.toml --report compare.html --rrd compare.rrd
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli.frame import JsonOption, say, show_table, write_json
+
+if TYPE_CHECKING:
+    from pcalib.identification import Accuracy
+
+
+def command(
+    data: Path,
+    /,
+    *,
+    model: ModelOption,
+    report: Path | None = None,
+    rrd: Path | None = None,
+    effect_file: EffectFiles = (),
+    json: JsonOption = None,
+) -> int | None:
+    """Where a model and measurements differ, and whether it is more than noise.
+
+    Shows errors of the rows to fit and of those held out, in units of the noise; the worst poses; and the map of
+    channels and variables in which residuals are more than noise.
+
+    Args:
+        data: Measurement file, CSV or Parquet.
+        report: Also write a report, one self-contained HTML file.
+        rrd: Also write a recording for the viewer ('pcalib view FILE').
+    """
+    from pcalib.cli._inputs import read
+    from pcalib.diagnosis import results, telling
+    from pcalib.diagnosis.compare import compare
+    from pcalib.wording import size
+
+    calibrated, measured, own = read(model, data, effect_file)
+    found = compare(calibrated, measured, own)
+    write_json(json, results.comparison_json(found))
+    say(telling.comparison_sentence(found))
+    print()
+    rows: list[tuple[str, Accuracy, float | None]] = [("fit", found.fit, found.times_noise[0])]
+    if found.check is not None:
+        rows.append(("check", found.check, found.times_noise[1]))
+    show_table(
+        ("", "rows", "RMS", "max", "RMS µrad", "times noise"),
+        [(n, a.n_rows, size(a.rms_pos), size(a.max_pos), _n(a.rms_rot * 1e6), _n(t, 2)) for n, a, t in rows],
+    )
+    say(found.noise.sentence())
+    print()
+    show_table(
+        ("line", "set", "x mm", "y mm", "z mm", "error", "µrad", "times noise", ""),
+        [
+            (
+                w.line, "check" if w.check else "fit", *(f"{1e3 * v:.0f}" for v in found.position[w.index]),
+                size(_norm(w.error[:3])), _n(_norm(w.error[3:]) * 1e6, 0), _n(w.times_noise),
+                "far from everything" if w.outlier else "",
+            )
+            for w in found.worst
+        ],
+        title="Worst poses",
+    )  # fmt: skip
+    show_table(
+        ("where", "by", "s", "p"),
+        [(telling.channel(c), telling.variable(c), _n(c.s), telling.p_text(c.p)) for c in found.cells[:6]],
+        title="Where residuals are more than noise"
+        if found.cells and found.cells[0].p < telling.HOT
+        else "Hottest places",
+    )
+    if found.cells and found.cells[0].p < telling.HOT:
+        say("Next: pcalib diagnose names what may be missing.")
+    if report is not None:
+        from pcalib.diagnosis import page
+
+        page.write_comparison(report, calibrated, measured, found)
+        say(f"Report written to {report}.")
+    if rrd is not None:
+        from pcalib.diagnosis import recording
+
+        recording.write_comparison(rrd, calibrated, measured, own, effect_file)
+        say(f"Recording written to {rrd}.")
+    return None
+
+
+def _norm(values) -> float:
+    import numpy as np
+
+    return float(np.sqrt(np.nansum(values**2))) if np.isfinite(values).any() else float("nan")
+
+
+def _n(value: float | None, digits: int = 1) -> str:
+    return f"{value:.{digits}f}" if value is not None and value == value else "–"

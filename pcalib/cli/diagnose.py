@@ -1,0 +1,99 @@
+"""Which physical effect is missing from a model, as far as the data can tell.
+
+pcalib diagnose data.csv --model m.toml
+pcalib diagnose data.csv --model m.toml --most 3 --json diagnosis.json
+pcalib diagnose data.csv --model m.toml --effect-file worm_gear.py:WormGear
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli.frame import JsonOption, say, show_table, write_json
+
+if TYPE_CHECKING:
+    from pcalib.diagnosis.diagnose import Diagnosis
+
+
+def command(
+    data: Path,
+    /,
+    *,
+    model: ModelOption,
+    most: int = 2,
+    effect_file: EffectFiles = (),
+    report: Path | None = None,
+    seed: int = 0,
+    json: JsonOption = None,
+) -> int | None:
+    """Which physical effect is missing from a model, as far as the data can tell.
+
+    One of four verdicts. Nothing is missing: with the smallest effects that would have been seen. Established: one
+    explanation is left. Ambiguous: A or B, and these poses cannot tell which. Unexplained: something is missing that no
+    effect of the library (or of yours) makes good, with where it shows.
+
+    Args:
+        data: Measurement file, CSV or Parquet.
+        most: Most effects in one explanation.
+        report: Also write a report, one self-contained HTML file.
+        seed: Of the Monte-Carlo draws that fix what counts as significant.
+    """
+    from pcalib.cli._inputs import read
+    from pcalib.diagnosis import results
+    from pcalib.diagnosis.diagnose import diagnose
+    from pcalib.errors import InputError
+
+    if not 1 <= most <= 3:
+        raise InputError(f"--most {most}: 1, 2 or 3 effects in one explanation")
+    calibrated, measured, own = read(model, data, effect_file)
+    found = diagnose(calibrated, measured, own, largest=most, seed=seed)
+    write_json(json, results.diagnosis_json(found))
+    show(found)
+    if report is not None:
+        from pcalib.diagnosis import page
+
+        page.write_diagnosis(report, calibrated, found)
+        say(f"Report written to {report}.")
+    return None
+
+
+def show(found: Diagnosis) -> None:
+    """Print a diagnosis: the verdict first, then what stands behind it."""
+    from pcalib.diagnosis import telling
+
+    say(telling.sentence(found))
+    print()
+    for line in telling.details(found):
+        say(f"- {line}")
+    print()
+    if found.verdict in ("ambiguous", "established") and len(found.sets) > 1:
+        show_table(
+            ("explanation", "in words"),
+            [(" + ".join(e.names), e.words()) for e in found.sets[:8]],
+            title="Explanations that the data leave standing, the best by BIC first",
+        )
+    show_table(
+        ("effect", "visible", "s", "p", "adequate", "fitted alone", "note"),
+        telling.candidate_rows(found),
+        title="Candidates",
+    )
+    if found.verdict == "unexplained" or (found.cells and found.cells[0].p < telling.HOT):
+        show_table(
+            ("where", "by", "s", "p"),
+            [
+                (telling.channel(c), telling.variable(c), f"{c.s:.1f}", telling.p_text(c.p))
+                for c in found.cells[:6]
+                if c.p < 0.5
+            ],
+            title="Where it shows",
+        )
+    if found.verdict == "nothing_missing":
+        show_table(
+            ("effect", "would have been seen from"), telling.limit_rows(found), title="What would have been seen"
+        )
+    for unavailable in found.unavailable:
+        say(f"- {unavailable.name}: not considered, {unavailable.why}.")
+    for line in telling.advice_lines(found):
+        say(f"Next: {line}")

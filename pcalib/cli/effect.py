@@ -1,0 +1,61 @@
+"""Effects: the library's list, and a template for one of your own.
+
+pcalib effect list
+pcalib effect new WormGear
+pcalib effect check worm_gear.py:WormGear --robot models/delta.toml
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pcalib.cli.frame import say, show_table
+
+
+def command(what: str, name: str = "", /, *, robot: Path | None = None) -> int | None:
+    """Effects: the library's list, and a template for one of your own.
+
+    'list' shows the library. 'new NAME' writes NAME.py, ten lines to change. 'check file.py:Class' loads it as a
+    diagnosis would, tries it on poses of a robot, and says what it resembles.
+
+    Args:
+        what: list, new or check.
+        name: Of the new effect, or file.py:Class to check.
+        robot: Robot file (TOML) to try it on.
+    """
+    from pcalib import effects, files
+    from pcalib import robot as robots
+    from pcalib.effects import user
+    from pcalib.errors import EffectError, InputError, unknown
+
+    described = robots.load(robot) if robot is not None else None
+    if what == "list":
+        rows = []
+        for each in effects.names():
+            effect = effects.get(each)
+            unsuited = effect.unsuited(described.mechanism) if described else ""
+            rows.append((each, effect.title, ", ".join(effect.variants), ", ".join(effect.wants), unsuited))
+        show_table(("effect", "what happens", "variants", "seen best with", "note"), rows)
+        return None
+    if what == "new":
+        filename, classname, text = user.template(name)
+        if Path(filename).exists():
+            raise InputError("the file is there already", file=filename, remedy="choose another name, or move it away")
+        files.write_text(filename, text)
+        say(f"{filename} is written. Change it, then: pcalib effect check {filename}:{classname} --robot ROBOT.toml")
+        return None
+    if what != "check":
+        raise EffectError(unknown("action", what, ("list", "new", "check")))
+    if described is None:
+        raise InputError(
+            "--robot is needed: effects are tried on poses of a robot", remedy="e.g. --robot models/delta.toml"
+        )
+    effect = user.load(name, described)
+    linear = "linear" if effect.linear else "not linear"
+    say(f"{effect.name} loads, adds nothing at zero, and is {linear} in its {len(effect.parameters)} parameters "
+        f"({', '.join(effect.channels)}).")  # fmt: skip
+    from pcalib.diagnosis.kinship import kinship
+
+    for line in kinship(effect, described):
+        say(f"- {line}")
+    return None

@@ -1,0 +1,59 @@
+"""The evidence for and against one effect.
+
+pcalib explain drive_compliance data.csv --model m.toml
+pcalib explain worm_gear.py:WormGear data.csv --model m.toml --plot evidence.svg
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli.frame import JsonOption, say, show_table, write_json
+
+
+def command(
+    effect: str,
+    data: Path,
+    /,
+    *,
+    model: ModelOption,
+    plot: Path | None = None,
+    effect_file: EffectFiles = (),
+    json: JsonOption = None,
+) -> int | None:
+    """The evidence for and against one effect.
+
+    How much of it these poses can show, its fitted size against its physical range, what would still be missing with
+    it, which rivals do as well, and what happens to the held-out rows after a full refit.
+
+    Args:
+        effect: NAME, NAME:arm, a geometry level, or file.py:Class of your own.
+        data: Measurement file, CSV or Parquet.
+        plot: Also draw it, SVG.
+    """
+    from pcalib.cli._inputs import read
+    from pcalib.diagnosis import results, telling
+    from pcalib.diagnosis.evidence import evidence
+
+    if ".py" in effect and effect not in effect_file:
+        effect_file = (*effect_file, effect)
+    calibrated, measured, own = read(model, data, effect_file)
+    found = evidence(calibrated, measured, effect, own)
+    write_json(json, results.evidence_json(found))
+    say(telling.evidence_sentence(found))
+    print()
+    for line in telling.evidence_lines(found):
+        say(f"- {line}")
+    if found.before is not None and found.after is not None:
+        print()
+        show_table(
+            ("", "rows", "RMS before", "RMS after", "χ²/dof before", "after"),
+            telling.before_after(found.before, found.after),
+        )
+    if plot is not None:
+        from pcalib.diagnosis import figures
+
+        figures.save(plot, figures.evidence(found))
+        say(f"Drawn to {plot}.")
+    return None

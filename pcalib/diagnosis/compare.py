@@ -1,0 +1,112 @@
+"""Where a model and measurements differ: how much in units of noise, at which poses, in which channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcalib import linearisation
+from pcalib.diagnosis import adequacy
+from pcalib.diagnosis.misfit import Misfit, misfit
+from pcalib.diagnosis.noise import NoiseLevel
+from pcalib.diagnosis.patterns import Cell, cells
+from pcalib.diagnosis.problem import Problem, problem
+from pcalib.effects.base import Effect
+from pcalib.identification import Accuracy, accuracy
+from pcalib.measurement import Measurements
+from pcalib.model import Model
+
+N_DRAWS = 1024
+
+
+@dataclass(frozen=True)
+class Row:
+    """One pose at which model and measurement are far apart."""
+
+    index: int
+    line: int
+    error: np.ndarray
+    """(6,) measured − predicted [m, rad], measuring frame; NaN where not measured."""
+    times_noise: float
+    """RMS over its readings, in units of the noise."""
+    check: bool
+    outlier: bool
+    """It fits neither model nor any pattern, and is set aside by a diagnosis."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model against measurements."""
+
+    fit: Accuracy
+    check: Accuracy | None
+    noise: NoiseLevel
+    misfit: Misfit
+    times_noise: tuple[float, float | None]
+    """RMS of all readings over the noise, of fit rows and of check rows."""
+    worst: tuple[Row, ...]
+    """Worst first."""
+    cells: tuple[Cell, ...]
+    """Map of channels × variables, hottest first."""
+    error: np.ndarray
+    """(N, 6) measured − predicted [m, rad]."""
+    position: np.ndarray
+    """(N, 3) [m] predicted position of the measured point, measuring frame."""
+    problem: Problem
+
+
+def compare(
+    model: Model, data: Measurements, own: Sequence[Effect] = (), n_worst: int = 5, n_draws: int = N_DRAWS
+) -> Comparison:
+    """Where a model and data differ.
+
+    Args:
+        data: all rows; those of ``set = check`` are judged apart.
+        own: the user's own effects, which take part in judging the noise.
+        n_worst: how many of the worst rows to name.
+    """
+    error, p = linearisation.residuals(model, data)
+    made = problem(model, data, own)
+    screen = made.screen(n_draws)
+    test = adequacy.p_values(screen)
+    null = adequacy.null_distribution(screen)
+    sigma = noise_of(made, data)
+    size = np.sqrt(np.nanmean((error / sigma) ** 2, axis=1))
+    order = [int(i) for i in np.argsort(-np.nan_to_num(size))[:n_worst]]
+    fit_rows = data.fit_rows
+    odd = set(fit_rows[made.set_aside].tolist())
+
+    def judged(rows: np.ndarray) -> tuple[Accuracy, float] | None:
+        if not rows.any():
+            return None
+        found = accuracy(error[rows], sigma[rows], data.mask[rows] & ~np.isnan(error[rows]), 0.0)
+        return found, float(np.sqrt(np.nanmean((error[rows] / sigma[rows]) ** 2)))
+
+    fit, check = judged(~data.check), judged(data.check)
+    assert fit is not None
+    return Comparison(
+        fit=fit[0],
+        check=check[0] if check else None,
+        noise=made.noise,
+        misfit=misfit(made),
+        times_noise=(fit[1], check[1] if check else None),
+        worst=tuple(Row(i, int(data.lines[i]), error[i], float(size[i]), bool(data.check[i]), i in odd) for i in order),
+        cells=cells(made.patterns, len(made.candidates), screen, test.p, null),
+        error=error,
+        position=p.position,
+        problem=made,
+    )
+
+
+def noise_of(made: Problem, data: Measurements) -> np.ndarray:
+    """(N, 6) [m, rad] 1σ of every reading at the noise level of a problem, joint repeatability as its mean."""
+    level = made.noise
+    sigma = data.sigma * np.repeat(level.ratio, 3)
+    if level.sigma_q:
+        mean = np.array([level.sigma_pos, level.sigma_rot]) ** 2
+        plain = np.array([np.mean(sigma[:, :3] ** 2), np.mean(sigma[:, 3:] ** 2)])
+        more = np.nan_to_num(np.maximum(mean - plain, 0.0))
+        sigma = np.sqrt(sigma**2 + np.repeat(more, 3))
+    return sigma

@@ -1,0 +1,301 @@
+"""The next measurement: poses, payloads, directions and temperatures that tell rival explanations apart.
+
+T-optimal design (Atkinson & Fedorov 1975). If explanation A is true at its fitted size, a fit with B in its place
+leaves, over all readings old and new,
+
+    Δ(A|B) = min_{k, θ_B, frame} |E_A·θ_A − J·k − E_B·θ_B|²
+
+noise units squared. Rows are added one by one so that the smaller of Δ(A|B) and Δ(B|A) grows most; the fit is free
+to bend its geometry all the while, which is what makes many poses useless.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import effects, linearisation, prediction
+from pcalib.diagnosis.channels import Point
+from pcalib.diagnosis.problem import Problem
+from pcalib.effects.base import Effect
+from pcalib.errors import EffectError, InputError
+from pcalib.prediction import Conditions
+from pcalib.robot import Robot
+from pcalib.unknowns import Unknowns, unknowns_of
+from pcalib.workspace import reachable
+
+ENOUGH = 5.0
+"""s, noise units: from about here on rivals are told apart nine times out of ten."""
+TEMPERATURE_SWING = 8.0
+"""[K] about 22 °C that a plan may ask for where a rival answers to temperature."""
+LATER = 3600.0
+"""[s] a plan may ask for rows that much later where a rival answers to time."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Conditions that a plan may choose from."""
+
+    payloads: Sequence[float] | None = None
+    """[kg]; those of the data when absent, or 0, 1, 2 where the data have but one."""
+    tools: np.ndarray | None = None
+    """(T, 3) [m]; those of the data when absent."""
+    candidates: int = 1200
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Rows to measure, the most telling first."""
+
+    q: np.ndarray
+    """(n, nq) [rad or m]."""
+    conditions: Conditions
+    position: np.ndarray
+    """(n, 3) [m] where the model expects the measured point, measuring frame."""
+    between: tuple[str, str]
+    before: float
+    """s between the rivals as the data stand."""
+    after: np.ndarray
+    """(n,) s after each further row."""
+    more_of_the_same: float
+    """s after n further rows under conditions like those of the data."""
+
+    @property
+    def enough(self) -> int | None:
+        """How many rows suffice; None where all of them do not."""
+        good = np.flatnonzero(self.after >= ENOUGH)
+        return int(good[0]) + 1 if len(good) else None
+
+    def sentence(self) -> str:
+        """What the rows bring, in words."""
+        a, b = self.between
+        n = len(self.q)
+        text = (
+            f"Between {a} and {b} the data have {self.before:.1f} noise units; "
+            f"with these {n} rows {self.after[-1]:.1f}, with {n} more like those you have {self.more_of_the_same:.1f}"
+        )
+        if self.more_of_the_same < min(ENOUGH, 0.7 * self.after[-1]):
+            text += ": more of the same will not tell"
+        if self.enough is None:
+            return text + f". {ENOUGH:.0f} are needed: plan more rows, a larger payload or a longer tool."
+        return text + f". {ENOUGH:.0f} are needed: the first {self.enough} should do."
+
+
+def plan(made: Problem, rivals: Sequence[Sequence[Effect]], n: int, options: Options | None = None) -> Plan:
+    """Rows that tell two explanations apart.
+
+    Args:
+        made: the model, which has neither explanation, on its data.
+        rivals: two sets of effects; an empty one stands for 'nothing is missing'.
+        n: how many rows.
+
+    Raises:
+        InputError: not two different rivals, or no rows.
+    """
+    options = options or Options()
+    names = ["+".join(e.name for e in rival) or "nothing" for rival in rivals]
+    if len(rivals) != 2 or names[0] == names[1]:
+        raise InputError("--between takes two different explanations, e.g. drive_compliance,encoder_eccentricity")
+    if n < 1:
+        raise InputError(f"-n {n}: at least 1 row")
+    rng = np.random.default_rng(options.seed)
+    unknowns = unknowns_of(made.model, made.model.level, made.model.effects, made.data.frame == "tracker")
+    measure = _Instrument.of(made)
+    data = made.data
+    old = measure.rows(made, rivals, unknowns, data.q, linearisation.conditions_of(data))
+    theta = [_size(made, old, side, rivals[side]) for side in range(2)]
+    start = [_Discrepancy.start(old, theta[side], side) for side in range(2) if rivals[side]]
+
+    q, conditions = _candidates(made, rivals, options, rng)
+    new = measure.rows(made, rivals, unknowns, q, conditions)
+    usable = new.ok.copy()
+    states, chosen, after = start, [], []
+    for _ in range(min(n, int(usable.sum()))):
+        totals = np.stack([d.value + d.gains(new) for d in states])
+        score = np.where(usable, totals.min(axis=0) + 1e-3 * totals.sum(axis=0), -np.inf)
+        pick = int(np.argmax(score))
+        usable[pick] = False
+        chosen.append(pick)
+        states = [d.added(new, pick) for d in states]
+        after.append(min(d.value for d in states))
+
+    similar = measure.rows(made, rivals, unknowns, *_similar(made, n, rng))
+    same = start
+    for row in np.flatnonzero(similar.ok):
+        same = [d.added(similar, int(row)) for d in same]
+    return Plan(
+        q=q[chosen],
+        conditions=conditions.take(np.array(chosen)),
+        position=new.position[chosen],
+        between=(names[0], names[1]),
+        before=float(np.sqrt(min(d.value for d in start))),
+        after=np.sqrt(np.array(after)),
+        more_of_the_same=float(np.sqrt(min(d.value for d in same))),
+    )
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Columns of some rows in noise units, padded to six readings each."""
+
+    nuisance: np.ndarray
+    """(N, 6, n) scaled by priors."""
+    rivals: tuple[np.ndarray, np.ndarray]
+    """(N, 6, p) each, scaled by priors."""
+    position: np.ndarray
+    ok: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Instrument:
+    """What a further row would measure, and how well."""
+
+    sigma: np.ndarray
+    """(6,) [m, rad]; inf where a component is not measured."""
+
+    @classmethod
+    def of(cls, made: Problem) -> _Instrument:
+        data = made.data
+        ratio = np.repeat(made.noise.ratio, 3)
+        usual = np.mean(data.mask, axis=0) > 0.5
+        if not usual.any():
+            usual = data.mask.any(axis=0)
+        typical = [float(np.median(data.sigma[data.mask[:, c], c])) if usual[c] else np.inf for c in range(6)]
+        return cls(np.array(typical) * ratio)
+
+    def rows(
+        self,
+        made: Problem,
+        rivals: Sequence[Sequence[Effect]],
+        unknowns: Unknowns,
+        q: np.ndarray,
+        conditions: Conditions,
+    ) -> _Rows:
+        model = made.model
+        p = prediction.predict(model, q, conditions)
+        point = Point.of(model, p, conditions)
+        parts = [prediction.geometry_columns(model, p, point.closure, point.JX, unknowns.basis)]
+        own = [c for f in model.effects for c in effects.basis(f.effect, point.situation, f.theta)]
+        parts.append(point.columns(own))
+        if unknowns.n_frame:
+            parts.append(prediction.frame_columns(model, p))
+        per = 1.0 / self.sigma[:, None]
+        nuisance = np.concatenate(parts, axis=-1) * unknowns.scale * per
+        sides = []
+        for rival in rivals:
+            columns = [
+                point.columns(effects.basis(e, point.situation)) * [x.prior for x in e.parameters] for e in rival
+            ]
+            sides.append(np.concatenate([*columns, np.zeros((len(q), 6, 0))], axis=-1) * per)
+        ok = p.status == "ok"
+        return _Rows(np.nan_to_num(nuisance), (np.nan_to_num(sides[0]), np.nan_to_num(sides[1])), p.position, ok)
+
+
+def _size(made: Problem, old: _Rows, side: int, rival: Sequence[Effect]) -> np.ndarray:
+    """Fitted parameters of a rival in units of their usual size; that size itself where the data cannot tell."""
+    E = np.concatenate([*(made.whitened(_columns(made, e)) for e in rival), np.zeros((len(made.y), 0))], axis=1)
+    N = made.nuisance
+    M = N.T @ N + np.eye(N.shape[1])
+    project = E - N @ np.linalg.solve(M, N.T @ E)
+    theta = np.linalg.lstsq(project, made.y, rcond=1e-6)[0] if E.shape[1] else np.zeros(0)
+    seen = np.linalg.norm(project @ theta) if len(theta) else 0.0
+    return theta if seen > 3.0 else np.ones(E.shape[1])
+
+
+def _columns(made: Problem, effect: Effect) -> np.ndarray:
+    prior = np.array([p.prior for p in effect.parameters])
+    return made.point.columns(effects.basis(effect, made.point.situation)) * prior
+
+
+@dataclass(frozen=True)
+class _Discrepancy:
+    """Δ of one rival as truth and the other in the fit, as a quadratic form that rows are added to."""
+
+    side: int
+    theta: np.ndarray
+    M: np.ndarray
+    b: np.ndarray
+    c: float
+
+    @classmethod
+    def start(cls, rows: _Rows, theta: np.ndarray, side: int) -> _Discrepancy:
+        """From the rows measured already."""
+        fit = np.concatenate([rows.nuisance, rows.rivals[1 - side]], axis=-1)
+        hold = np.r_[np.ones(rows.nuisance.shape[-1]), np.full(rows.rivals[1 - side].shape[-1], 1e-6)]
+        fit, truth = fit[rows.ok].reshape(-1, fit.shape[-1]), (rows.rivals[side] @ theta)[rows.ok].ravel()
+        return cls(side, theta, fit.T @ fit + np.diag(hold), fit.T @ truth, float(truth @ truth))
+
+    @property
+    def value(self) -> float:
+        """Δ, noise units squared."""
+        return max(self.c - float(self.b @ np.linalg.solve(self.M, self.b)), 0.0)
+
+    def _blocks(self, rows: _Rows) -> tuple[np.ndarray, np.ndarray]:
+        return np.concatenate([rows.nuisance, rows.rivals[1 - self.side]], axis=-1), rows.rivals[self.side] @ self.theta
+
+    def gains(self, rows: _Rows) -> np.ndarray:
+        """(N,) by how much each row alone would raise Δ."""
+        fit, truth = self._blocks(rows)
+        surprise = truth - fit @ np.linalg.solve(self.M, self.b)
+        spread = np.eye(6) + fit @ np.linalg.inv(self.M) @ np.swapaxes(fit, -1, -2)
+        return np.sum(surprise * np.linalg.solve(spread, surprise[..., None])[..., 0], axis=-1)
+
+    def added(self, rows: _Rows, row: int) -> _Discrepancy:
+        """With one row more."""
+        fit, truth = (a[row] for a in self._blocks(rows))
+        return replace(self, M=self.M + fit.T @ fit, b=self.b + fit.T @ truth, c=self.c + float(truth @ truth))
+
+
+def _candidates(
+    made: Problem, rivals: Sequence[Sequence[Effect]], options: Options, rng: np.random.Generator
+) -> tuple[np.ndarray, Conditions]:
+    """Reachable poses under all sorts of conditions that the rivals answer to."""
+    data, n = made.data, options.candidates
+    wants = {want for rival in rivals for e in rival for want in getattr(e, "wants", ())}
+    needs = {need for rival in rivals for e in rival for need in e.needs}
+    q = reachable(made.model.robot, n, rng).q
+    nq = q.shape[1]
+    like = rng.integers(0, len(data), n)
+    columns = {name: values[like] for name, values in data.columns.items()}
+    payloads = options.payloads
+    if payloads is None:
+        there = np.unique(data.payload)
+        payloads = there if len(there) > 1 else (0.0, 1.0, 2.0)
+    tools = np.unique(np.round(data.tool, 9), axis=0) if options.tools is None else np.atleast_2d(options.tools)
+    if "direction of motion" in wants or any(f"dir{i + 1}" in data.columns for i in range(nq)):
+        columns |= {f"dir{i + 1}": rng.choice([-1.0, 1.0], n) for i in range(nq)}
+    for name in [c for c in {*columns, *needs} if c.startswith("temp")]:
+        if any(need.startswith("temp") for need in needs):
+            columns[name] = rng.choice([22.0 - TEMPERATURE_SWING, 22.0 + TEMPERATURE_SWING], n)
+    if "time" in columns or "time" in needs:
+        last = float(np.max(data.columns["time"])) if "time" in data.columns else 0.0
+        columns["time"] = last + (rng.choice([0.0, LATER, 2 * LATER], n) if "time" in needs else np.zeros(n))
+    for name in needs - columns.keys():
+        raise EffectError(f"a plan for these rivals needs column '{name}', which the data do not have")
+    return q, Conditions(tools[rng.integers(0, len(tools), n)], rng.choice(np.asarray(payloads, float), n), columns)
+
+
+def _similar(made: Problem, n: int, rng: np.random.Generator) -> tuple[np.ndarray, Conditions]:
+    """Other poses under conditions drawn from the data."""
+    like = rng.integers(0, len(made.data), n)
+    return reachable(made.model.robot, n, rng).q, linearisation.conditions_of(made.data).take(like)
+
+
+def table(robot: Robot, found: Plan) -> dict[str, np.ndarray]:
+    """The columns of a plan as a file names them, with the place where the model expects the measured point."""
+    mechanism = robot.mechanism
+    suffix, factor = ("deg", np.pi / 180) if mechanism.actuator_dimension == "angle" else ("mm", 1e-3)
+    columns = {f"{name}_{suffix}": found.q[:, i] / factor for i, name in enumerate(mechanism.actuators)}
+    tool, payload = found.conditions.tool, found.conditions.payload
+    if tool.any():
+        columns |= {f"tool_{axis}_mm": tool[:, i] * 1e3 for i, axis in enumerate("xyz")}
+    columns["payload_kg"] = np.array(payload)
+    named = {"time": "time_s"} | {f"temp{part}": f"temp{part}_degC" for part in ("", "_arms", "_rods", "_base")}
+    there = dict(found.conditions.columns)
+    if "temp" in there:
+        there = {k: v for k, v in there.items() if not k.startswith("temp_")}
+    columns |= {named.get(name, name): np.asarray(values) for name, values in there.items()}
+    return columns | {f"expected_{axis}_mm": found.position[:, i] * 1e3 for i, axis in enumerate("xyz")}

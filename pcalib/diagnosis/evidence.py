@@ -1,0 +1,240 @@
+"""The evidence for and against one candidate, whatever the verdict says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcalib import identification
+from pcalib.diagnosis import adequacy
+from pcalib.diagnosis.candidates import Candidate
+from pcalib.diagnosis.compare import noise_of
+from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible, with_effects
+from pcalib.diagnosis.screen import Screen
+from pcalib.effects.base import Effect, Situation
+from pcalib.errors import EffectError, FitError, InputError, unknown
+from pcalib.identification import Fit
+from pcalib.measurement import Measurements
+from pcalib.model import FittedEffect, Model
+
+
+@dataclass(frozen=True)
+class AddedVariable:
+    """The added-variable plot: what is left of the readings against what is left of the effect's prediction.
+
+    Both have lost what the geometry can take up; points about a line of slope 1 speak for the effect.
+    """
+
+    predicted: np.ndarray
+    """(M,) noise units, at the fitted size."""
+    residual: np.ndarray
+    """(M,) noise units."""
+    slope: float
+    """1 by construction of the fit; ± σ below."""
+    sigma: float
+
+
+@dataclass(frozen=True)
+class ByVariable:
+    """Component-plus-residual against the variable that tells most, one series per arm or rod."""
+
+    variable: str
+    channel: str
+    x: np.ndarray
+    """(n,) [SI], the variable."""
+    y: np.ndarray
+    """(n,) [SI of the channel] apparent deviation."""
+    series: np.ndarray
+    """(n,) int, arm or rod."""
+    names: tuple[str, ...]
+    curve: np.ndarray
+    """(n,) [SI] what the fitted effect adds there."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One candidate under cross-examination."""
+
+    candidate: Candidate
+    finding: Finding
+    diagnosis: Diagnosis
+    before: Fit | None
+    after: Fit | None
+    """Full non-linear fits without and with it; None where a fit failed."""
+    held_out: tuple[float, float] | None
+    """RMS of the check rows' readings in noise units, before and after."""
+    rest_p: float
+    """Corrected p of the hottest thing with the candidate in place: small means it is not enough."""
+    rest: str
+    """What that hottest thing is."""
+    rivals: tuple[str, ...]
+    """Other explanations that the data leave standing."""
+    in_range: bool
+    """Fitted parameters are physically possible."""
+    plot: AddedVariable | None
+    by_variable: ByVariable | None
+
+
+def evidence(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ()) -> Evidence:
+    """Everything the data say about one candidate.
+
+    Args:
+        spec: an effect as the command line names it; a bare name takes the variant that the data speak for most.
+        own: the user's own effects, `spec` among them if it is one.
+
+    Raises:
+        EffectError: no such candidate on these data; the message says why.
+    """
+    found = diagnose(model, data, own)
+    finding = _finding(found, spec)
+    made, g = found.problem, found.problem.candidates.index(finding.candidate)
+    screen = made.screen()
+    null = adequacy.null_distribution(screen, (g,))
+    rest = adequacy.p_values(screen, (g,))
+    hottest = "what no group holds" if rest.hottest < 0 else screen.names[rest.hottest]
+    candidate = finding.candidate
+    before, after = _fits(model, data, finding)
+    held = None
+    if before is not None and after is not None and data.check.any():
+        sigma = noise_of(made, data)[data.check]
+        both = [np.sqrt(np.nanmean((f.error[data.check] / sigma) ** 2)) for f in (before, after)]
+        held = float(both[0]), float(both[1])
+    return Evidence(
+        candidate=candidate,
+        finding=finding,
+        diagnosis=found,
+        before=before,
+        after=after,
+        held_out=held,
+        rest_p=float(adequacy.corrected(rest.smallest, null)),
+        rest=hottest,
+        rivals=tuple("+".join(e.names) for e in found.sets if e.names and candidate.name not in e.names),
+        in_range=possible(made, screen, (g,)),
+        plot=_added_variable(screen, g, finding),
+        by_variable=_by_variable(found, screen, g, finding, after, data),
+    )
+
+
+def _finding(found: Diagnosis, spec: str) -> Finding:
+    for finding in found.findings:
+        if finding.candidate.spec == spec:
+            return finding
+    mine = [f for f in found.findings if f.candidate.name == spec]
+    if mine:  # findings come hottest first; the simplest of those about as hot
+        return min(mine, key=lambda f: (f.p > 4 * mine[0].p, len(f.candidate.scale)))
+    for missing in found.unavailable:
+        if missing.name == spec.partition(":")[0].partition("@")[0]:
+            raise EffectError(f"effect {missing.name} cannot be judged on these data: {missing.why}")
+    present = {f.effect.name for f in found.problem.model.effects}
+    if spec.partition(":")[0] in present:
+        raise EffectError(f"effect {spec} is in the model already; 'pcalib drop {spec}' takes it out")
+    raise EffectError(unknown("candidate", spec, sorted({f.candidate.name for f in found.findings})))
+
+
+def _fits(model: Model, data: Measurements, finding: Finding) -> tuple[Fit | None, Fit | None]:
+    candidate = finding.candidate
+    out: list[Fit | None] = []
+    for adding in (False, True):
+        level, start = model.level, model
+        if adding and candidate.effect is None:
+            level = candidate.name
+        elif adding and candidate.effect is not None:
+            theta = np.clip(finding.theta, candidate.low, candidate.high)
+            start = with_effects(model, [FittedEffect(candidate.effect, theta, candidate.spec)])
+        try:
+            fitted = identification.fit(data, start, level)
+            out.append(fitted if fitted.status == "converged" else None)
+        except (FitError, InputError):
+            out.append(None)
+    return out[0], out[1]
+
+
+def _added_variable(screen: Screen, g: int, finding: Finding) -> AddedVariable | None:
+    predicted = screen.parts[g] @ finding.theta
+    size2 = float(predicted @ predicted)
+    if size2 <= 0:
+        return None
+    slope = float(predicted @ screen.y / size2)
+    return AddedVariable(screen.basis @ predicted, screen.residual, slope, float(1 / np.sqrt(size2)))
+
+
+def by_variable_of(found: Diagnosis, data: Measurements) -> ByVariable | None:
+    """The telling plot of a diagnosis' best explanation, of its hottest effect in drives or rods."""
+    inside = {c.spec for e in found.sets[:1] for c in e.candidates}
+    ranked = sorted(found.findings, key=lambda f: (f.candidate.spec not in inside, f.p, -f.s))
+    for finding in ranked[:3]:
+        channels = getattr(finding.candidate.effect, "channels", ())
+        if channels and channels[0] in ("actuator", "rod"):
+            made = found.problem
+            screen = made.screen(2)
+            after = _fits(made.model, data, finding)[1]
+            return _by_variable(found, screen, made.candidates.index(finding.candidate), finding, after, data)
+    return None
+
+
+def _by_variable(
+    found: Diagnosis, screen: Screen, g: int, finding: Finding, after: Fit | None, data: Measurements
+) -> ByVariable | None:
+    """Component plus residual of an effect in the actuators or rods; None where it acts elsewhere."""
+    effect, made = finding.candidate.effect, found.problem
+    channel = (getattr(effect, "channels", ()) or ("",))[0]
+    if effect is None or after is None or channel not in ("actuator", "rod"):
+        return None
+    variable = _telling(found, screen, g, finding, channel)
+    at = made.point.situation
+    x = _variable(at, variable, channel)
+    if x is None:
+        return None
+    theta = next(f.theta for f in after.candidate.effects if f.effect.name == effect.name)
+    component = getattr(effect.contribution(at, theta), channel)
+    kept = np.flatnonzero(~data.check)[np.setdiff1d(np.arange(len(made.given)), made.set_aside)]
+    error = after.error[kept]
+    G = getattr(made.point.response(), channel)
+    seen = made.data.mask & np.isfinite(error)
+    if (seen.sum(axis=1) < G.shape[-1]).all():
+        return None
+    weight = np.where(seen, 1.0 / made.data.sigma, 0.0)
+    apparent = (np.linalg.pinv(G * weight[..., None]) @ (np.nan_to_num(error) * weight)[..., None])[..., 0]
+    full = seen.sum(axis=1) >= G.shape[-1]
+    names = made.model.robot.mechanism.actuators if channel == "actuator" else made.model.robot.mechanism.rods
+    n = len(names)
+    return ByVariable(
+        variable=variable,
+        channel=channel,
+        x=x[full].ravel(),
+        y=(component + apparent)[full].ravel(),
+        series=np.tile(np.arange(n), int(full.sum())),
+        names=tuple(names),
+        curve=component[full].ravel(),
+    )
+
+
+def _telling(found: Diagnosis, screen: Screen, g: int, finding: Finding, channel: str) -> str:
+    """The variable whose smooth pattern in that channel resembles the effect most, the simplest first."""
+    made = found.problem
+    signal = screen.parts[g] @ finding.theta
+    best, score = "q" if channel == "actuator" else "tension", -np.inf
+    for i, pattern in enumerate(made.patterns):
+        block = screen.blocks[len(made.candidates) + i]
+        if pattern.channel != channel or not block.shape[1]:
+            continue
+        alike = float(np.sum((block.T @ signal) ** 2) / max(signal @ signal, 1e-300)) - 0.01 * block.shape[1]
+        if alike > score:
+            best, score = pattern.variable, alike
+    return best
+
+
+def _variable(at: Situation, variable: str, channel: str) -> np.ndarray | None:
+    """(N, places) values of a variable at every arm or rod; None for mixed ones."""
+    n = at.q.shape[1] if channel == "actuator" else at.tension.shape[1]
+    if channel == "actuator":
+        own = {"q": at.q, "torque": at.torque, "direction": at.directions()}
+    else:
+        own = {"tension": at.tension, "sign of the rod force": at.tension}
+    if variable in own:
+        return own[variable]
+    recorded = {"payload": at.payload, "temperature": at.columns.get("temp_arms")} | dict(at.columns)
+    values = recorded.get(variable)
+    return None if values is None else np.repeat(np.asarray(values, float)[:, None], n, axis=1)

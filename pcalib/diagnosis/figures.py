@@ -1,0 +1,147 @@
+"""Drawings of a diagnosis, in the style of the reports."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pcalib.diagnosis import telling
+from pcalib.diagnosis.diagnose import Diagnosis
+from pcalib.diagnosis.evidence import Evidence
+from pcalib.diagnosis.patterns import CHANNELS, Cell
+from pcalib.palette import SERIES
+from pcalib.report.figures import INK, PAPER, QUIET, RULE, drawing
+
+_WARM = SERIES[1]
+_BLUE = SERIES[0]
+
+
+def heatmap(cells: tuple[Cell, ...]) -> str:
+    """Channels against variables, coloured by −log10 of the corrected p."""
+    variables = list(dict.fromkeys(c.variable for c in cells))
+    channels = [c for c in CHANNELS if any(cell.channel == c for cell in cells)]
+    value = {(c.channel, c.variable): c for c in cells}
+    with drawing(7.2, 0.9 + 0.42 * len(variables)) as (figure, out):
+        axes = figure.subplots()
+        for i, variable in enumerate(variables):
+            for j, channel in enumerate(channels):
+                cell = value.get((channel, variable))
+                if cell is None:
+                    continue
+                strength = min(-np.log10(max(cell.p, 1e-4)) / 3.0, 1.0)
+                axes.add_patch(_tile(j, i, strength))
+                bold = cell.p < telling.HOT
+                axes.text(
+                    j,
+                    i,
+                    f"{cell.s:.1f}",
+                    ha="center",
+                    va="center",
+                    fontsize=9.5,
+                    color=INK,
+                    weight="bold" if bold else None,
+                )
+        axes.set_xlim(-0.5, len(channels) - 0.5)
+        axes.set_ylim(len(variables) - 0.5, -0.5)
+        axes.set_xticks(range(len(channels)), [CHANNELS[c] for c in channels], fontsize=9)
+        names = [v.replace("temp_", "temperature of ") for v in variables]
+        axes.set_yticks(range(len(variables)), names, fontsize=9)
+        axes.xaxis.tick_top()
+        for side in axes.spines.values():
+            side.set_visible(False)
+    return out[0]
+
+
+def _tile(x: float, y: float, strength: float) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle(
+        (x - 0.47, y - 0.44), 0.94, 0.88, facecolor=SERIES[2], alpha=0.06 + 0.7 * strength, edgecolor=RULE, lw=0.6
+    )
+
+
+def ranking(found: Diagnosis, most: int = 12) -> str:
+    """Candidates by s, those that stand in an adequate set in colour, with the size that would be noise."""
+    shown = [f for f in telling.one_per_effect(found) if not f.note.startswith("these poses")][:most]
+    with drawing(7.2, 0.8 + 0.3 * len(shown)) as (figure, out):
+        axes = figure.subplots()
+        for i, f in enumerate(shown):
+            axes.barh(i, f.s, height=0.62, color=_WARM if f.adequate else _BLUE, alpha=1.0 if f.adequate else 0.45)
+            axes.text(f.s, i, f"  {f.s:.1f}", va="center", fontsize=9, color=QUIET)
+        axes.set_yticks(range(len(shown)), [f.candidate.spec for f in shown], fontsize=9)
+        axes.invert_yaxis()
+        axes.set_xlabel("s: visible size in noise units")
+        axes.grid(axis="x")
+    return out[0]
+
+
+def evidence(e: Evidence) -> str:
+    """The added-variable plot and, for drives and rods, the deviation against the variable that tells most."""
+    panels = [p for p in (e.plot, e.by_variable) if p is not None]
+    with drawing(4.2 * max(len(panels), 1), 3.6) as (figure, out):
+        axes = figure.subplots(1, max(len(panels), 1), squeeze=False)[0]
+        i = 0
+        if e.plot is not None:
+            _added_variable(axes[i], e)
+            i += 1
+        if e.by_variable is not None:
+            _by_variable(axes[i], e)
+    return out[0]
+
+
+def _added_variable(axes: Any, e: Evidence) -> None:
+    plot = e.plot
+    assert plot is not None
+    x, y = plot.predicted, plot.residual
+    axes.plot(x, y, ".", ms=3, color=_BLUE, alpha=0.45)
+    ends = np.array([x.min(), x.max()])
+    axes.plot(ends, ends, color=_WARM, lw=1.8)
+    edges = np.quantile(x, np.linspace(0, 1, 13))
+    which = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, 11)
+    for b in range(12):
+        mine = which == b
+        if mine.sum() > 3:
+            mean, error = y[mine].mean(), y[mine].std() / np.sqrt(mine.sum())
+            axes.errorbar(x[mine].mean(), mean, 2 * error, fmt="o", ms=4.5, color=INK, mec=PAPER, lw=1)
+    axes.set_xlabel(f"what {e.candidate.name} predicts [σ]")
+    axes.set_ylabel("what is left of the readings [σ]")
+    axes.set_title("Added-variable plot", loc="left")
+    axes.grid()
+
+
+def _by_variable(axes: Any, e: Evidence) -> None:
+    plot = e.by_variable
+    assert plot is not None
+    unit = {"q": (180 / np.pi, "°"), "torque": (1, "N·m"), "tension": (1, "N"), "time": (1 / 3600, "h")}
+    factor, spoken = unit.get(plot.variable, (1.0, ""))
+    scale, y_unit = (1e6, "µrad") if plot.channel == "actuator" else (1e6, "µm")
+    for i, name in enumerate(plot.names):
+        mine = plot.series == i
+        order = np.argsort(plot.x[mine])
+        colour = SERIES[i % len(SERIES)]
+        axes.plot(plot.x[mine] * factor, plot.y[mine] * scale, ".", ms=4, color=colour, alpha=0.6, label=name)
+        axes.plot(plot.x[mine][order] * factor, plot.curve[mine][order] * scale, "-", lw=1.2, color=colour)
+    axes.set_xlabel(f"{plot.variable}{f' [{spoken}]' if spoken else ''}")
+    axes.set_ylabel(f"apparent error of {'motor angles' if plot.channel == 'actuator' else 'rods'} [{y_unit}]")
+    axes.set_title("Where it tells most", loc="left")
+    axes.legend(fontsize=8, ncols=3)
+    axes.grid()
+
+
+def save(path: Path, svg: str) -> None:
+    """Write a drawing that stands alone, in dark ink on white.
+
+    Raises:
+        InputError: not an .svg file, or it cannot be written.
+    """
+    from pcalib import files
+    from pcalib.errors import InputError
+
+    if path.suffix.lower() != ".svg":
+        raise InputError(f"drawings are SVG, not '{path.suffix}'", file=path, remedy="name a file that ends with .svg")
+    for name, colour in (("ink", "#16181d"), ("quiet", "#5b616b"), ("rule", "#d9dde3"), ("paper", "#ffffff")):
+        svg = svg.replace(f"var(--{name})", colour)
+    svg = svg.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"', 1)
+    files.write_text(path, svg)

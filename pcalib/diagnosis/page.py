@@ -1,0 +1,113 @@
+"""Reports of comparisons and diagnoses: one self-contained HTML file each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pcalib import report
+from pcalib.diagnosis import figures, telling
+from pcalib.diagnosis.compare import Comparison
+from pcalib.diagnosis.diagnose import Diagnosis
+from pcalib.measurement import Measurements
+from pcalib.model import Model
+from pcalib.report import Bullets, Facts, Figure, Page, Section, Table, Text
+from pcalib.report.page import versions
+from pcalib.wording import size
+
+_TONES = {"nothing_missing": "good", "established": "neutral", "ambiguous": "neutral", "unexplained": "bad"}
+
+
+def write_comparison(path: str | Path, model: Model, data: Measurements, found: Comparison) -> None:
+    """A page on where a model and measurements differ."""
+    hot = bool(found.cells) and found.cells[0].p < telling.HOT
+    rows = [("fit", found.fit, found.times_noise[0]), ("check", found.check, found.times_noise[1])]
+    figures_table = Table(
+        ("rows", "poses", "RMS", "max", "times noise"),
+        [(n, str(a.n_rows), size(a.rms_pos), size(a.max_pos), f"{t:.2f}") for n, a, t in rows if a is not None],
+        "<>>>>",
+    )
+    worst = Table(
+        ("line", "set", "error", "times noise", ""),
+        [
+            (
+                str(w.line), "check" if w.check else "fit", size(float(np.linalg.norm(np.nan_to_num(w.error[:3])))),
+                f"{w.times_noise:.1f}", "far from everything" if w.outlier else "",
+            )
+            for w in found.worst
+        ],
+        ">< >".replace(" ", ">"),
+    )  # fmt: skip
+    sections = [
+        Section("How far apart", [figures_table, Text(found.noise.sentence(), "quiet")]),
+        Section("Where", [_map(found.cells), worst]),
+    ]
+    page = Page(
+        f"Model and measurements of {model.robot.name}",
+        telling.comparison_sentence(found),
+        sections,
+        "bad" if hot else "good",
+        {"data": data.source, "level": model.level, "effects": _effects(model), **versions()},
+    )
+    report.write(path, page)
+
+
+def write_diagnosis(path: str | Path, model: Model, found: Diagnosis) -> None:
+    """A page on what is missing from a model."""
+    report.write(
+        path,
+        Page(
+            f"Diagnosis of {model.robot.name}",
+            telling.sentence(found),
+            diagnosis_sections(found),
+            _TONES[found.verdict],
+            {"data": found.problem.given.source, "level": model.level, "effects": _effects(model), **versions()},
+        ),
+    )
+
+
+def diagnosis_sections(found: Diagnosis) -> list[Section]:
+    """The reasons of a verdict, for this page or another."""
+    out = [Section("What stands behind it", [Bullets(telling.details(found))])]
+    if found.verdict in ("ambiguous", "established"):
+        table = Table(("explanation", "in words"), [(" + ".join(e.names), e.words()) for e in found.sets[:10]])
+        out.append(Section("Explanations that the data leave standing", [table]))
+    header = ("effect", "visible", "s", "p", "adequate", "fitted alone", "note")
+    ranked = Table(header, telling.candidate_rows(found, 20), "<>>>", folded="All candidates")
+    out.append(
+        Section(
+            "Candidates",
+            [
+                Figure(
+                    figures.ranking(found),
+                    "Visible size of every candidate on its own. Filled: it stands in a smallest adequate set.",
+                    "Bars of candidates by their visible size in noise units",
+                ),
+                ranked,
+            ],
+        )
+    )
+    out.append(Section("Where it shows", [_map(found.cells)]))
+    if found.verdict == "nothing_missing":
+        limits = Table(("effect", "would have been seen from"), telling.limit_rows(found))
+        out.append(Section("What would have been seen", [limits]))
+    if found.unavailable:
+        out.append(Section("Not considered", [Facts({u.name: u.why for u in found.unavailable})]))
+    next_steps = telling.advice_lines(found)
+    if next_steps:
+        out.append(Section("Next", [Bullets(next_steps)]))
+    return out
+
+
+def _map(cells) -> Figure:
+    return Figure(
+        figures.heatmap(cells),
+        "How much each channel would gain by a smooth function of each variable, in noise units; "
+        "the redder, the less it looks like noise; bold: significant with all that was looked at.",
+        "Map of channels against variables, coloured by significance",
+    )
+
+
+def _effects(model: Model) -> str:
+    return ", ".join(f.spec or f.effect.name for f in model.effects) or "none"

@@ -1,0 +1,147 @@
+"""Diagnoses, comparisons and steps as stable JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pcalib import summary
+from pcalib.diagnosis.compare import Comparison
+from pcalib.diagnosis.diagnose import Diagnosis, Finding
+from pcalib.diagnosis.evidence import Evidence
+from pcalib.diagnosis.noise import NoiseLevel
+from pcalib.diagnosis.patterns import Cell
+from pcalib.diagnosis.steps import Step
+from pcalib.diagnosis.telling import advice, one_per_effect, sentence
+from pcalib.diagnosis.verdict import in_words
+
+
+def _micro(value: float) -> float | None:
+    return float(value * 1e6) if np.isfinite(value) else None
+
+
+def noise_json(level: NoiseLevel) -> dict[str, Any]:
+    """The noise part of all JSON."""
+    return {
+        "verified": level.verified,
+        "source": level.source,
+        "sigma_pos_um": _micro(level.sigma_pos),
+        "sigma_rot_urad": _micro(level.sigma_rot),
+        "sigma_joint_urad": _micro(level.sigma_q),
+        "ratio_to_stated": [float(r) for r in level.ratio],
+        "dof": [float(d) if np.isfinite(d) else None for d in level.dof],
+    }
+
+
+def _cell_json(cell: Cell) -> dict[str, Any]:
+    return {"channel": cell.channel, "variable": cell.variable, "p": cell.p, "s": cell.s, "columns": cell.d}
+
+
+def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
+    """`pcalib.diagnosis/1`: one entry per effect, in the variant that stands in an adequate set, else the simplest."""
+    made = found.problem
+    return {
+        "schema": "pcalib.diagnosis/1",
+        "verdict": found.verdict,
+        "sentence": sentence(found),
+        "established": list(found.established),
+        "adequate": [list(e.names) for e in found.sets if e.names],
+        "explanations": [
+            {
+                "effects": list(e.names),
+                "specs": list(e.specs),
+                "bic": e.bic,
+                "words": e.words(),
+                "held_out_chi2": e.held_out,
+            }
+            for e in found.sets
+            if e.names
+        ],
+        "refuted": list(found.refuted),
+        "candidates": [_candidate_json(f) for f in one_per_effect(found)],
+        "unavailable": [{"effect": u.name, "why": u.why} for u in found.unavailable],
+        "noise": noise_json(found.noise),
+        "misfit": {"chi2_dof": found.misfit.chi2_dof, "p": found.misfit.p, "dof": found.misfit.dof},
+        "outliers": [int(made.given.lines[i]) for i in made.outliers.rows],
+        "heatmap": [_cell_json(c) for c in found.cells],
+        "next": advice(found),
+    }
+
+
+def _candidate_json(f: Finding) -> dict[str, Any]:
+    effect = f.candidate.effect
+    parameters = {}
+    if effect is not None:
+        for i, p in enumerate(effect.parameters):
+            parameters[p.name] = {
+                "value": float(f.theta[i]),
+                "sigma": float(f.sigma[i]) if np.isfinite(f.sigma[i]) else None,
+                "smallest_seen": float(f.smallest_seen[i]) if np.isfinite(f.smallest_seen[i]) else None,
+                "shown_in": p.unit,
+            }
+    return {
+        "effect": f.candidate.name,
+        "spec": f.candidate.spec,
+        "kappa": f.kappa,
+        "s": f.s,
+        "p": f.p,
+        "adequate": f.adequate,
+        "parameters": parameters,
+        "note": f.note or None,
+    }
+
+
+def comparison_json(c: Comparison) -> dict[str, Any]:
+    """`pcalib.comparison/1`."""
+    return {
+        "schema": "pcalib.comparison/1",
+        "fit": summary.accuracy_json(c.fit),
+        "check": summary.accuracy_json(c.check) if c.check else None,
+        "times_noise": c.times_noise[0],
+        "times_noise_check": c.times_noise[1],
+        "noise": noise_json(c.noise),
+        "misfit": {"chi2_dof": c.misfit.chi2_dof, "p": c.misfit.p, "dof": c.misfit.dof},
+        "worst": [
+            {
+                "line": w.line,
+                "error_pos_um": _micro(float(np.linalg.norm(w.error[:3]))),
+                "error_rot_urad": _micro(float(np.linalg.norm(w.error[3:]))),
+                "times_noise": w.times_noise,
+                "set": "check" if w.check else "fit",
+                "outlier": w.outlier,
+            }
+            for w in c.worst
+        ],
+        "heatmap": [_cell_json(cell) for cell in c.cells],
+    }
+
+
+def step_json(step: Step) -> dict[str, Any]:
+    """`pcalib.add/1`, of adding and of dropping."""
+    return {
+        "schema": "pcalib.add/1",
+        "action": step.action,
+        "effect": step.spec,
+        "before": summary.fit_json(step.before),
+        "after": summary.fit_json(step.after),
+        "moved": [{"parameter": n, "change_si": c, "sigmas": t} for n, c, t in step.moved()],
+    }
+
+
+def evidence_json(e: Evidence) -> dict[str, Any]:
+    """`pcalib.explanation/1`."""
+    return {
+        "schema": "pcalib.explanation/1",
+        "effect": e.candidate.name,
+        "spec": e.candidate.spec,
+        "words": in_words(e.candidate, e.finding.theta),
+        **{k: v for k, v in _candidate_json(e.finding).items() if k in ("kappa", "s", "p", "adequate", "parameters")},
+        "in_physical_range": e.in_range,
+        "rest": {"p": e.rest_p, "hottest": e.rest},
+        "rivals": list(e.rivals),
+        "held_out_times_noise": list(e.held_out) if e.held_out else None,
+        "before": summary.fit_json(e.before) if e.before else None,
+        "after": summary.fit_json(e.after) if e.after else None,
+        "verdict": e.diagnosis.verdict,
+    }

@@ -1,0 +1,108 @@
+"""Adding an effect or a level to a model, and taking it out again: full refits, compared before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import effects, identification
+from pcalib.effects.base import Effect
+from pcalib.errors import EffectError, unknown
+from pcalib.identification import METHODS, Fit
+from pcalib.measurement import Measurements
+from pcalib.model import FittedEffect, Model
+
+
+@dataclass(frozen=True)
+class Step:
+    """One change of a model, with the fits on either side."""
+
+    action: str
+    """'add' or 'drop'."""
+    spec: str
+    before: Fit
+    after: Fit
+
+    @property
+    def fell(self) -> bool | None:
+        """Whether held-out errors fell (rose by less than 2 % on dropping); None without check rows."""
+        if self.before.check is None or self.after.check is None:
+            return None
+        if self.action == "drop":
+            return self.after.check.rms_pos < 1.02 * self.before.check.rms_pos
+        return self.after.check.rms_pos < self.before.check.rms_pos
+
+    def moved(self, least: float = 1.0) -> list[tuple[str, float, float]]:
+        """Parameters whose value changed by more than `least` of their former σ: (name, change [SI], in σ)."""
+        a, b = self.before.candidate, self.after.candidate
+        names = a.robot.mechanism.parameters
+        sigma = np.full(len(names), np.nan) if a.sigma is None else a.sigma
+        change = b.k - a.k
+        with np.errstate(invalid="ignore", divide="ignore"):
+            times = np.where(sigma > 0, np.abs(change) / sigma, 0.0)
+        order = [int(i) for i in np.argsort(-times) if times[i] > least]
+        return [(names[i], float(change[i]), float(times[i])) for i in order]
+
+
+def method_of(model: Model) -> str:
+    """How the model was fitted last."""
+    said = [str(entry.get("method", "")) for entry in reversed(model.history)]
+    return next((m for m in said if m in METHODS), "map")
+
+
+def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ()) -> Step:
+    """Refit geometry, effects and frame with an effect, or at a geometry level, that the model lacks.
+
+    Raises:
+        EffectError: unknown, present already, or without the columns it needs.
+        FitError: the data do not support it.
+    """
+    levels = model.robot.mechanism.levels
+    method = method_of(model)
+    before = identification.fit(data, model, model.level, method=method)
+    if spec in levels:
+        if spec == model.level:
+            raise EffectError(f"the model is of level {spec} already")
+        after = identification.fit(data, before.model, spec, method=method)
+        return Step("add", spec, before, after)
+    mine = [e for e in own if spec in (e.name, getattr(e, "spec", ""))]
+    effect = mine[0] if mine else _parsed(spec, model)
+    present = {f.effect.name: f for f in model.effects}
+    if effect.name in present and getattr(present[effect.name].effect, "spec", "") == getattr(effect, "spec", ""):
+        raise EffectError(f"effect {spec} is in the model already; 'pcalib drop {effect.name}' takes it out")
+    if lacking := effects.missing(effect, data.columns):
+        raise EffectError(f"effect {effect.name} needs columns that the data do not have: {', '.join(lacking)}")
+    start = FittedEffect(effect, np.zeros(len(effect.parameters)), getattr(effect, "spec", spec))
+    kept = tuple(f for f in before.model.effects if f.effect.name != effect.name)
+    after = identification.fit(data, replace(before.model, effects=(*kept, start)), model.level, method=method)
+    return Step("add", start.spec, before, after)
+
+
+def _parsed(spec: str, model: Model) -> Effect:
+    try:
+        return effects.parse(spec, model.robot)
+    except EffectError as error:
+        name = spec.partition(":")[0].partition("@")[0]
+        if ".py" not in spec and name not in effects.names():
+            accepted = [*effects.names(), *(n for n in model.robot.mechanism.levels if n != model.level)]
+            raise EffectError(unknown("effect or level", name, accepted)) from None
+        raise error
+
+
+def drop(model: Model, data: Measurements, spec: str) -> Step:
+    """Refit without an effect.
+
+    Raises:
+        EffectError: the model does not have it.
+    """
+    name = spec.partition(":")[0].partition("@")[0] if ".py" not in spec else spec
+    kept = tuple(f for f in model.effects if f.effect.name != name and f.spec != spec)
+    if len(kept) == len(model.effects):
+        have = [f.effect.name for f in model.effects]
+        raise EffectError(unknown("effect of the model", spec, have) if have else "the model has no effects to drop")
+    method = method_of(model)
+    before = identification.fit(data, model, model.level, method=method)
+    after = identification.fit(data, replace(before.model, effects=kept), model.level, method=method)
+    return Step("drop", spec, before, after)

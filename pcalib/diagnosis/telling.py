@@ -1,0 +1,295 @@
+"""What a diagnosis says in plain sentences, and the rows of its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pcalib.diagnosis.compare import Comparison
+from pcalib.diagnosis.diagnose import Diagnosis, Finding
+from pcalib.diagnosis.evidence import Evidence
+from pcalib.diagnosis.patterns import CHANNELS, Cell
+from pcalib.diagnosis.steps import Step
+from pcalib.diagnosis.verdict import Explanation, in_words
+from pcalib.identification import Fit
+from pcalib.wording import PARAMETER, size
+
+HOT = 0.05
+"""Corrected p below which a cell of the map counts as hot."""
+
+
+def one_per_effect(found: Diagnosis) -> list[Finding]:
+    """One finding per effect or level, hottest first: the variant in the best explanation, else the simplest as hot."""
+    chosen = {c.name: c.spec for e in reversed(found.sets) for c in e.candidates}
+    out: dict[str, Finding] = {}
+    for f in found.findings:
+        name = f.candidate.name
+        if name not in out:
+            mine = [x for x in found.findings if x.candidate.name == name]
+            if name in chosen:
+                out[name] = next((x for x in mine if x.candidate.spec == chosen[name]), f)
+            else:
+                out[name] = min(mine, key=lambda x: (x.p > 4 * f.p, len(x.candidate.scale)))
+    return list(out.values())
+
+
+def sentence(found: Diagnosis) -> str:
+    """The verdict in plain words."""
+    if found.verdict == "nothing_missing":
+        return "Nothing is missing: what the model leaves over looks like noise."
+    if found.verdict == "established":
+        return f"What is missing: {found.sets[0].words()}."
+    if found.verdict == "ambiguous":
+        if len(found.sets) == 1:
+            return f"Perhaps {found.sets[0].words()}, but held-out poses speak against it."
+        options = _or([_short(e) for e in found.sets])
+        sure = f" {' and '.join(found.established)} is missing in any case." if found.established else ""
+        return f"Something is missing: {options}. These poses cannot tell which.{sure}"
+    hot = _where(found.cells)
+    return f"Something is missing, and no effect of the library explains it. {hot}"
+
+
+def _short(e: Explanation) -> str:
+    return " with ".join(e.names)
+
+
+def _or(options: Sequence[str]) -> str:
+    shown = list(options[:5]) + ([f"one of {len(options) - 5} more"] if len(options) > 5 else [])
+    return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + " or " + shown[-1]
+
+
+def _where(cells: Sequence[Cell]) -> str:
+    hot = [c for c in cells if c.p < HOT][:3]
+    if not hot:
+        return "It follows none of the recorded variables."
+    return "It shows in " + "; ".join(place(c) for c in hot) + "."
+
+
+def place(cell: Cell) -> str:
+    """A cell in words."""
+    return f"{CHANNELS.get(cell.channel, cell.channel)} by {cell.variable.replace('temp_', 'temperature of ')}"
+
+
+def details(found: Diagnosis) -> list[str]:
+    """What to know beside the verdict, one sentence each."""
+    out = [found.noise.sentence()]
+    odd = found.problem.outliers
+    if len(odd.rows):
+        lines = ", ".join(str(int(found.problem.given.lines[i])) for i in odd.rows[:8])
+        if odd.too_many:
+            out.append(f"Many rows are far from everything (first on lines {lines}); they were kept. Look at them.")
+        else:
+            many = len(odd.rows) > 1
+            out.append(
+                f"{len(odd.rows)} row{'s' * many} far from everything, on line{'s' * many} {lines}, "
+                f"{'were' if many else 'was'} set aside for these tests. Look at {'them' if many else 'it'}."
+            )
+    for e in found.sets:
+        if e.held_out is not None:
+            before, after = e.held_out
+            out.append(
+                f"Held-out poses: χ² {before:.0f} → {after:.0f} with it"
+                + (", they confirm it." if after < before else ", they do not confirm it.")
+            )
+    if not found.noise.verified and found.verdict in ("established", "ambiguous", "unexplained"):
+        out.append("Without replicates this is a ranking rather than a proof.")
+    return out
+
+
+def advice(found: Diagnosis) -> list[dict[str, Any]]:
+    """What to measure or do next."""
+    out: list[dict[str, Any]] = []
+    if found.verdict == "ambiguous" and len(found.sets) > 1:
+        a, b = ("+".join(e.names) for e in found.sets[:2])
+        wants = sorted({w for e in found.sets[:2] for c in e.candidates for w in getattr(c.effect, "wants", ())})
+        out.append({"do": "next", "between": [a, b], "vary": wants})
+    if found.verdict == "established":
+        out += [{"do": "add", "effect": spec} for spec in found.sets[0].specs]
+    if found.verdict == "unexplained":
+        out += [
+            {"do": "write an effect", "channel": c.channel, "variable": c.variable}
+            for c in found.cells[:2]
+            if c.p < HOT
+        ]
+    if not found.noise.verified:
+        out.append({"do": "replicate", "why": "the noise is not verified: measure ten poses twice"})
+    blind = sorted({f.candidate.name for f in found.findings if f.note.startswith("these poses")})
+    for name in blind:
+        wants = [w for f in found.findings if f.candidate.name == name for w in getattr(f.candidate.effect, "wants", ())]
+        out.append({"do": "vary", "for": name, "vary": list(dict.fromkeys(wants))})
+    return out
+
+
+def channel(cell: Cell) -> str:
+    """The cell's channel in words."""
+    return CHANNELS.get(cell.channel, cell.channel)
+
+
+def variable(cell: Cell) -> str:
+    """The cell's variable in words."""
+    return cell.variable.replace("temp_", "temperature of ")
+
+
+def p_text(p: float) -> str:
+    """A corrected p for a table."""
+    return "< 0.001" if p < 1e-3 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+
+
+def candidate_rows(found: Diagnosis, most: int = 12) -> list[tuple[str, ...]]:
+    """Rows of the candidates' table: spec, visible share, s, p, adequate, size, note."""
+    rows = []
+    for f in one_per_effect(found):
+        if f.note.startswith("these poses") or len(rows) >= most:
+            continue
+        effect = f.candidate.effect
+        describe = getattr(effect, "describe", None)
+        size_text = "" if describe is None else describe(f.theta)
+        if len(size_text) > 90:
+            size_text = size_text[:87] + "…"
+        rows.append(
+            (
+                f.candidate.spec, f"{100 * f.kappa:.0f} %", f"{f.s:.1f}", p_text(f.p), "yes" if f.adequate else "",
+                size_text, f.note,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
+    """Smallest sizes that would have been found, of every effect in its simplest variant."""
+    seen: dict[str, tuple[str, str]] = {}
+    for f in sorted(found.findings, key=lambda f: len(f.candidate.scale)):
+        describe = getattr(f.candidate.effect, "describe", None)
+        if f.candidate.name in seen or describe is None:
+            continue
+        finite = np.isfinite(f.smallest_seen).all()
+        seen[f.candidate.name] = (f.candidate.spec, describe(f.smallest_seen) if finite else "no size: invisible here")
+    return sorted(seen.values())
+
+
+def advice_lines(found: Diagnosis) -> list[str]:
+    """What to do next, one sentence each."""
+    lines = []
+    for item in advice(found):
+        if item["do"] == "next":
+            vary = f" (vary {', '.join(item['vary'])})" if item["vary"] else ""
+            lines.append(
+                f"'pcalib next … --between {','.join(item['between'])}' plans poses that tell them apart{vary}."
+            )
+        elif item["do"] == "add":
+            lines.append(f"'pcalib add {item['effect']} …' refits everything with it.")
+        elif item["do"] == "write an effect":
+            where = CHANNELS.get(item["channel"], item["channel"])
+            lines.append(f"an effect of your own that moves {where} by {item['variable']}: 'pcalib effect new NAME'.")
+        elif item["do"] == "replicate":
+            lines.append("measure ten poses twice (same pose_id): they say what is noise.")
+        elif item["do"] == "vary":
+            lines.append(f"to see {item['for']}, vary {', '.join(item['vary'])}.")
+    return lines
+
+
+def comparison_sentence(c: Comparison) -> str:
+    """The outcome of a comparison in one sentence."""
+    times, held = c.times_noise
+    text = f"Model and measurements differ by {size(c.fit.rms_pos)} RMS, {times:.1f} times the noise"
+    if held is not None and c.check is not None:
+        text += f"; held-out poses by {size(c.check.rms_pos)}, {held:.1f} times"
+    hot = [cell for cell in c.cells if cell.p < HOT]
+    if hot:
+        return f"{text}. More than noise: it shows in {place(hot[0])}."
+    if c.misfit.p < HOT:
+        return f"{text}. More than noise, but it follows none of the recorded variables."
+    return f"{text}. No pattern stands out of the noise."
+
+
+def before_after(before: Fit, after: Fit) -> list[tuple[str, ...]]:
+    """Rows fit and check with RMS and χ² before and after."""
+    rows = []
+    for name, a, b in (("fit", before.fit, after.fit), ("check", before.check, after.check)):
+        if a is not None and b is not None:
+            rows.append(
+                (name, str(a.n_rows), size(a.rms_pos), size(b.rms_pos), f"{a.chi2_dof:.2f}", f"{b.chi2_dof:.2f}")
+            )
+    return rows
+
+
+def step_sentence(step: Step) -> str:
+    """What a step brought."""
+    a, b = step.before, step.after
+    name = step.spec
+    word = "With" if step.action == "add" else "Without"
+    text = f"{word} {name} the fit leaves {size(b.fit.rms_pos)} RMS, before {size(a.fit.rms_pos)}"
+    if a.check is None or b.check is None:
+        return text + "; there are no held-out poses to confirm it."
+    text += f"; held-out poses {size(b.check.rms_pos)}, before {size(a.check.rms_pos)}"
+    if step.action == "add":
+        return text + (": confirmed." if step.fell else ": not confirmed, drop it again.")
+    return text + ("." if step.fell else ": it was needed.")
+
+
+def step_lines(step: Step) -> list[str]:
+    """The effects of the new model with their sizes, and whether they are physically possible."""
+    lines = []
+    for f in step.after.candidate.effects:
+        describe = getattr(f.effect, "describe", None)
+        text = f"{f.effect.name}: {describe(f.theta) if describe else ''}"
+        for p, value, sigma in zip(
+            f.effect.parameters, f.theta, f.sigma if f.sigma is not None else f.theta * np.nan, strict=True
+        ):
+            if value < p.low - 2 * sigma or value > p.high + 2 * sigma:
+                text += f"; {p.name} lies outside its physical range: something else may be behind it"
+        lines.append(text)
+    return lines
+
+
+def change(step: Step, name: str, value: float) -> str:
+    """A change of a geometric parameter with its unit."""
+    mechanism = step.after.candidate.robot.mechanism
+    unit, factor, digits = PARAMETER[mechanism.units[mechanism.index(name)]]
+    return f"{value * factor:+.{digits}f} {unit}".replace("-", "−")
+
+
+def evidence_sentence(e: Evidence) -> str:
+    """The case for or against a candidate in one sentence."""
+    words = in_words(e.candidate, e.finding.theta)
+    if e.finding.note.startswith("these poses"):
+        return f"{e.candidate.name}: these poses cannot show it, whatever its size."
+    if not e.in_range:
+        return f"Against {e.candidate.name}: its fitted size is physically impossible ({words})."
+    if e.finding.p > HOT:
+        said = f"{e.finding.s:.1f} noise units, as noise alone would give (p {p_text(e.finding.p)})"
+        return f"Nothing speaks for {e.candidate.name}: {said}."
+    if e.rest_p < HOT:
+        return f"{e.candidate.name} helps, and is not enough: something is left in {e.rest}."
+    rivals = [r for r in e.rivals if r]
+    if rivals:
+        return f"{e.candidate.name} explains all there is, and so does {_or(rivals)}: {words}."
+    return f"{e.candidate.name} explains all there is, and nothing else does: {words}."
+
+
+def evidence_lines(e: Evidence) -> list[str]:
+    """The facts behind it."""
+    f = e.finding
+    lines = [
+        f"Visible: {100 * f.kappa:.0f} % of its signal; the geometry can take up the rest.",
+        f"Size: {f.s:.1f} noise units, p {p_text(f.p)} after correcting for everything that was looked at.",
+        f"With it in place the hottest thing left is {e.rest}, p {p_text(e.rest_p)}.",
+        "Its parameters are " + ("within" if e.in_range else "outside") + " their physical range.",
+    ]
+    if f.candidate.effect is not None:
+        for p, value, sigma in zip(f.candidate.effect.parameters, f.theta, f.sigma, strict=True):
+            from pcalib import units
+
+            factor, unit = units.factor(p.unit), units.spoken(p.unit)
+            doubt = f"± {sigma / factor:.2g}" if np.isfinite(sigma) else "± unknown"
+            lines.append(f"{p.name.replace('_', ' ')} = {value / factor:.3g} {doubt} {unit} (linear, on its own)")
+    if e.held_out is not None:
+        a, b = e.held_out
+        lines.append(
+            f"Held-out readings: {a:.2f} → {b:.2f} times the noise" + (", it confirms." if b < a else ", no better.")
+        )
+    else:
+        lines.append("No held-out rows (set = check) that could confirm it.")
+    return lines
