@@ -45,8 +45,9 @@ def command(
         made = blind.make(robots.load(path), output, n, seed, workers, advance)
     frame.say(f"{output}: {len(made)} data sets, {made[0].name} to {made[-1].name}, and robot.toml")
     frame.say(f"{output / blind.SEALED}: what is hidden in them, sealed")
+    first, model = made[0], made[0].with_suffix(".toml")
     frame.say(
-        f"Diagnose each, e.g. pcalib fit {made[0]} --robot {output / 'robot.toml'} -o {made[0].with_suffix('.toml')}; "
-        f"pcalib diagnose {made[0]} --model {made[0].with_suffix('.toml')} --json {made[0].with_suffix('.diagnosis.json')}; "
+        f"Diagnose each, e.g. pcalib fit {first} --robot {output / 'robot.toml'} -o {model}; "
+        f"pcalib diagnose {first} --model {model} --json {first.with_suffix('.diagnosis.json')}; "
         f"then pcbench score {output}"
     )

@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from bench.jobs.hidden import case as cases
 from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.case import Case
 from bench.jobs.hidden.catalogue import CATALOGUE, Hidden
-from bench.jobs.hidden.design import DESIGNS, Design
+from bench.jobs.hidden.design import DESIGNS
 from bench.jobs.hidden.grading import SLACK, Facts
 from bench.jobs.hidden.stage import Stage, suits
 from pcalib import files, measurement
@@ -32,9 +32,9 @@ from pcalib.robot import Robot
 
 SCHEMA = "pcbench.sealed/1"
 SEALED = "sealed"
-STREAM = 0xB11D
-KINDS = {"none": 0.2, "single": 0.5, "pair": 0.15, "outside": 0.15}
-"""How often each kind comes."""
+STREAM, DEALT = 0xB11D, 0xDEA1
+KINDS = {"none": 4, "single": 10, "pair": 3, "outside": 3}
+"""How often each kind comes among twenty data sets in a row."""
 SIZES = (4.0, 20.0)
 """Visible sizes s (of pairs and unlisted faults: s⊥), log-uniform."""
 PAIRED = 8.0
@@ -67,7 +67,8 @@ def make(
         InputError: the folder cannot be written, or holds other data sets.
     """
     if n < 1 or seed < 0 or workers < 1:
-        raise InputError(f"{n} data sets of seed {seed} on {workers} processes make no sense", remedy="use positive numbers")
+        asked = f"{n} data sets of seed {seed} on {workers} processes"
+        raise InputError(f"{asked} make no sense", remedy="use positive numbers")
     if folder.exists() and any(folder.glob("*.csv")):
         raise InputError("there are data sets in this folder already", file=folder, remedy="name a new folder with -o")
     (folder / SEALED).mkdir(parents=True, exist_ok=True)
@@ -84,15 +85,16 @@ def make(
     return out
 
 
-def _drawn(robot: Robot, n: int, seed: int, workers: int):
+def _drawn(robot: Robot, n: int, seed: int, workers: int) -> Iterator[Blind]:
     if workers == 1:
-        return (draw(robot, seed, index) for index in range(1, n + 1))
+        yield from (draw(robot, seed, index) for index in range(1, n + 1))
+        return
     import joblib
 
-    text = robot.text
-    return joblib.Parallel(n_jobs=workers, return_as="generator")(
-        joblib.delayed(_draw)(text, seed, index) for index in range(1, n + 1)
-    )
+    jobs = (joblib.delayed(_draw)(robot.text, seed, index) for index in range(1, n + 1))
+    for blind in joblib.Parallel(n_jobs=workers, return_as="generator")(jobs):
+        assert isinstance(blind, Blind)
+        yield blind
 
 
 def _draw(text: str, seed: int, index: int) -> Blind:
@@ -106,10 +108,9 @@ def draw(robot: Robot, seed: int, index: int) -> Blind:
     """One data set: design, robot, poses, faults and noise depend on seed and index alone."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, index)))
     design = DESIGNS[str(rng.choice(list(DESIGNS)))]
-    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     stage = Stage.draw(design, robot, int(rng.integers(2**31)))
     size = float(np.round(np.exp(rng.uniform(*np.log(SIZES))), 1))
-    case = _case(kind, stage, size, rng)
+    case = _case(kind_of(seed, index), stage, size, rng)
     noise = int(rng.integers(2**31))
     facts = {
         "kind": case.facts.kind,
@@ -130,11 +131,20 @@ def draw(robot: Robot, seed: int, index: int) -> Blind:
     return Blind(case.measure(noise), truth, facts)
 
 
+def kind_of(seed: int, index: int) -> str:
+    """What is hidden in a data set: dealt from shuffled packs, so that even few sets are of all kinds."""
+    pack = [kind for kind, count in KINDS.items() for _ in range(count)]
+    number, place = divmod(index - 1, len(pack))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(DEALT, number)))
+    return pack[rng.permutation(len(pack))[place]]
+
+
 def _case(kind: str, stage: Stage, size: float, rng: np.random.Generator) -> Case:
     """Faults are drawn until they reach the size on these poses."""
 
     def drawn(names: tuple[str, ...], count: int) -> list[tuple[Hidden, Any]]:
-        usable = [w for w in map(CATALOGUE.__getitem__, names) if suits(w, stage.design, stage.robot) and not w.companion]
+        listed = [CATALOGUE[name] for name in names]
+        usable = [w for w in listed if suits(w, stage.design, stage.robot) and not w.companion]
         chosen = [usable[i] for i in rng.choice(len(usable), count, replace=False)]
         return [(w, w.draw(stage.robot, rng, uneven=bool(rng.random() < 0.3))) for w in chosen]
 

@@ -81,16 +81,23 @@ def pair(stage: Stage, what: Sequence[Hidden], drawn: Sequence[Fault], size: flo
     return None
 
 
-def outside(stage: Stage, what: Hidden, fault: Fault, distance: float) -> Case:
-    """An unlisted fault so large that no two effects of the library come closer to it than `distance`, or as it can."""
-    most, factor, out = stage.room(fault, stage.change([fault])), 1.0, fault
-    for attempt in range(4):
-        signal = stage.signal([out])
-        far, nearest = stage.nearest(signal, together=2)
-        if attempt == 3 or abs(far / distance - 1) < 0.03 or (attempt and factor >= 0.999 * most):
+def outside(stage: Stage, what: Hidden, fault: Fault, distance: float, without: str | None = None) -> Case:
+    """An unlisted fault so large that no two effects of the library come closer to it than `distance`, or as it can.
+
+    Args:
+        without: an effect that is taken out of the library, so that a fault it describes counts as unlisted.
+    """
+    change = stage.change([fault])
+    most, factor, out = stage.room(fault, change, without), 1.0, fault
+    signal = stage.visible(change)
+    far, nearest = stage.nearest(signal, together=2, without=without)
+    for _ in range(3):
+        if abs(far / distance - 1) < 0.03 or factor >= 0.999 * most:
             break
         factor = float(f"{min(factor * distance / max(far, 1e-9), most):.4g}")
         out = catalogue.scaled(fault, factor)
+        signal = stage.signal([out])
+        far, nearest = stage.nearest(signal, together=2, without=without)
     size = _short(np.linalg.norm(signal))
     return Case(stage, (out,), Facts((), (what.name,), size, _short(far)), (size,), nearest)
 

@@ -12,7 +12,7 @@ VERDICTS = ("nothing_missing", "established", "ambiguous", "unexplained")
 CLEAR = 6.0
 """s from which on a single effect has to be found."""
 FAR = 8.0
-"""s⊥ from which on something outside the library has to be called unexplained, and a pair to need both of its effects."""
+"""s⊥ from which on what no library lists has to be called unexplained, and a pair needs both of its effects."""
 SLACK = 0.95
 """Share of a wanted size that counts as reached."""
 

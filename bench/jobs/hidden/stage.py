@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from bench.truth import Truth
 from pcalib import effects, identification, rotation
 from pcalib.diagnosis import candidates
 from pcalib.diagnosis.channels import Point
+from pcalib.effects.gear_ripple import SCANNED
 from pcalib.measurement import Measurements
 from pcalib.model import FittedEffect, Model
 from pcalib.robot import Robot
@@ -37,6 +39,10 @@ SIGMA_LENGTH, SIGMA_ANGLE = 1e-4, np.radians(0.05)
 """1σ of a robot's geometric errors [m, rad]."""
 HELD = 1e-3
 """Noise units per prior below which priors hold a geometric direction, so that nothing is taken up along it."""
+SEEN = 1e-3
+"""Noise units per usual size below which a direction of an effect counts as none."""
+RIPPLE = 2e-4
+"""[rad] usual amplitude of a gear ripple."""
 CLOSE = 0.03
 """Relative difference from the wanted size that is near enough."""
 MOVED = 1e-3
@@ -237,32 +243,55 @@ class Stage:
         """(M, p) visible whitened columns of each effect, per usual size."""
         _, _, row, component = self._linear
         sigma = self._clean.sigma[row, component]
-        return {
-            name: self._refitted(c.columns[row, component] / sigma[:, None] * c.scale) for name, c in self.library.items()
-        }
+        whitened = {name: c.columns[row, component] / sigma[:, None] * c.scale for name, c in self.library.items()}
+        return {name: self._refitted(columns) for name, columns in whitened.items()}
 
-    def span(self, names: Sequence[str]) -> np.ndarray:
-        """(M, r) orthonormal basis of what some effects together could explain."""
-        stacked = np.hstack([self._columns[name] for name in names if name in self._columns] or [np.zeros((0, 0))])
-        if stacked.shape[1] == 0:
-            return np.zeros((len(self._linear[2]), 0))
-        U, s, _ = np.linalg.svd(stacked, full_matrices=False)
-        return U[:, s > 1e-3]
+    @cached_property
+    def _ripples(self) -> dict[int, np.ndarray]:
+        """(M, r) orthonormal basis of the visible part of a gear ripple of n cycles per turn, arm by arm."""
+        _, point, row, component = self._linear
+        response, q = point.response().actuator, point.situation.q
+        sigma = self._clean.sigma[row, component]
+        out = {}
+        for n in SCANNED:
+            waves = np.concatenate([response * np.sin(n * q)[:, None], response * np.cos(n * q)[:, None]], axis=-1)
+            out[n] = _span(self._refitted(RIPPLE * waves[row, component] / sigma[:, None]))
+        return out
 
-    def distance(self, signal: np.ndarray, names: Sequence[str]) -> float:
-        """|signal| outside what some effects together could explain."""
-        Q = self.span(names)
-        return float(np.linalg.norm(signal - Q @ (Q.T @ signal)))
+    def _bases(self, signal: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Orthonormal basis (M, D) of what all effects together could explain, and of each effect alone in it (D, r).
 
-    def nearest(self, signal: np.ndarray, together: int = 1) -> tuple[float, tuple[str, ...]]:
+        Gear ripple is there with the number of cycles that suits the signal best, as a diagnosis would find it.
+        """
+        columns = dict(self._columns)
+        if "gear_ripple" in columns:
+            best = max(self._ripples.values(), key=lambda Q: float(np.sum((Q.T @ signal) ** 2)))
+            columns["gear_ripple"] = best
+        W = _span(np.hstack(list(columns.values())))
+        return W, {name: _span(W.T @ each) for name, each in columns.items()}
+
+    def nearest(
+        self, signal: np.ndarray, together: int = 1, without: str | None = None
+    ) -> tuple[float, tuple[str, ...]]:
         """s⊥: the smallest distance of a signal from the library's effects, up to `together` at a time; and which."""
-        names = sorted(self._columns)
-        alone = sorted((self.distance(signal, [name]), (name,)) for name in names)
-        best = alone[0] if alone else (float(np.linalg.norm(signal)), ())
-        if together > 1:
-            pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
-            best = min([best, *((self.distance(signal, pair), pair) for pair in pairs)])
+        W, bases = self._bases(signal)
+        inside = W.T @ signal
+        beyond = signal @ signal - inside @ inside
+        names = [name for name in sorted(bases) if name != without]
+        best: tuple[float, tuple[str, ...]] = (float(np.linalg.norm(signal)), ())
+        for chosen in (c for size in range(1, together + 1) for c in combinations(names, size)):
+            Q = bases[chosen[0]] if len(chosen) == 1 else _span(np.hstack([bases[name] for name in chosen]))
+            rest = inside - Q @ (Q.T @ inside)
+            far = float(np.sqrt(max(beyond + rest @ rest, 0.0)))
+            if far < best[0] * (1 - 1e-9):
+                best = far, chosen
         return best
+
+
+def _span(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the directions that can be seen at usual sizes."""
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return U[:, s > SEEN]
 
 
 def suits(hidden: Hidden, design: Design, robot: Robot) -> bool:
