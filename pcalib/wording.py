@@ -35,6 +35,11 @@ def number(value: float, digits: int, sign: str = "-") -> str:
     return f"{round(value, digits) + 0.0:{sign}.{digits}f}".replace("-", "−")
 
 
+def short(text: str, most: int) -> str:
+    """Text cut to so many characters, where there is no room for more."""
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
 def effect(fitted: FittedEffect) -> str:
     """An effect and its fitted values, in its own words where it has some."""
     describe = getattr(fitted.effect, "describe", None)

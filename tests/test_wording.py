@@ -22,7 +22,8 @@ def test_round_size():
 
 
 @pytest.mark.parametrize(
-    ("value", "sign", "text"), [(-1.2346, "-", "−1.235"), (1.0, "+", "+1.000"), (-1e-9, "-", "0.000"), (np.inf, "-", "–")]
+    ("value", "sign", "text"),
+    [(-1.2346, "-", "−1.235"), (1.0, "+", "+1.000"), (-1e-9, "-", "0.000"), (np.inf, "-", "–")],
 )
 def test_number(value, sign, text):
     assert wording.number(value, 3, sign) == text

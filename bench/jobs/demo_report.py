@@ -14,12 +14,25 @@ from pcalib.report import sections
 from pcalib.report.page import Page, Section, Text, versions
 
 if TYPE_CHECKING:
-    from bench.jobs.demo import Demo
+    from bench.jobs.demo import Demo, Settings
 
 
 def write(path: Path, demo: Demo) -> None:
     """Write the report of a demo."""
     report.write(path, page(demo))
+
+
+def again(settings: Settings) -> str:
+    """The command that does the same again, on the same robot file."""
+    words = [
+        f"pcbench demo --seed {settings.seed} --poses {settings.poses}",
+        f"--length-error {settings.sigma_length * 1e3:.9g}mm",
+        f"--angle-error {np.degrees(settings.sigma_angle):.9g}deg",
+    ]
+    if settings.spacing is not None:
+        words.append(f"--spacing {settings.spacing * 1e3:.9g}mm")
+    words += [f"--tool {','.join(f'{v * 1e3 + 0.0:.9g}' for v in tool)}mm" for tool in settings.tools]
+    return " ".join(words)
 
 
 def page(demo: Demo) -> Page:
@@ -59,7 +72,7 @@ def page(demo: Demo) -> Page:
             **versions(),
             "mujoco": mujoco.__version__,
             "seed": str(settings.seed),
-            "robot": robot.name,
-            "again": f"pcbench demo --seed {settings.seed}",
+            "robot": f"{robot.name} ({robot.kind})",
+            "again": again(settings),
         },
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from pcalib.ladder import Ladder
 from pcalib.palette import ANCHORS, SERIES, LogScale
-from pcalib.wording import round_size, size
+from pcalib.wording import round_size, short, size
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -77,7 +77,7 @@ def ladder(what: Ladder) -> str:
                 fontsize=8.5, color=QUIET,
             )  # fmt: skip
         axes.set_yscale("log")
-        axes.set_xticks(n, [s.label for s in what.steps])
+        axes.set_xticks(n, [short(s.label, 90 // len(n)) for s in what.steps])
         axes.tick_params(axis="x", colors=INK)
         axes.set_xlim(-0.4, len(n) - 0.6)
         _micrometres(axes.yaxis, LogScale.of(np.concatenate([what.rms.ravel(), what.max.ravel()])))
@@ -126,9 +126,8 @@ def maps(what: Ladder, tool: int, steps: Sequence[int], planes: int = 4) -> str:
                 if r == 0:
                     axes.set_title(f"z = {height * 1e3:.0f} mm".replace("-", "−"), fontsize=9, color=QUIET)
                 if c == 0:
-                    axes.text(
-                        -0.06, 0.5, what.steps[s].label, rotation=90, va="center", ha="right", transform=axes.transAxes
-                    )
+                    label = short(what.steps[s].label, 28)
+                    axes.text(-0.06, 0.5, label, rotation=90, va="center", ha="right", transform=axes.transAxes)
         from matplotlib.cm import ScalarMappable
 
         bar = figure.colorbar(ScalarMappable(norm, colours), ax=grid, shrink=0.7, aspect=18, pad=0.015)

@@ -85,7 +85,8 @@ def draw_ladder(rec: rr.RecordingStream, path: str, ladder: Ladder) -> None:
     scale = LogScale.of(values)
     low, high = np.log10(scale.low), np.log10(scale.high)
     axes = chart.Axes((-0.4, n - 0.6), (low, high))
-    axes.frame(rec, path, [(s, _short(step.label)) for s, step in enumerate(ladder.steps)], _decade_ticks(scale))
+    names = [(s, wording.short(step.label, 14)) for s, step in enumerate(ladder.steps)]
+    axes.frame(rec, path, names, _decade_ticks(scale))
     if ladder.floor:
         y = np.log10(ladder.floor)
         chart.line(rec, f"{path}/noise", axes.place(np.array(axes.x), np.array([y, y])), DIM, 0.8)
@@ -233,10 +234,6 @@ def draw_candidates(rec: rr.RecordingStream, path: str, steps: Sequence[Step], m
 
 def _decade_ticks(scale: LogScale) -> list[tuple[float, str]]:
     return [(float(np.log10(v)), round_size(v)) for v in scale.decades]
-
-
-def _short(label: str) -> str:
-    return label if len(label) <= 14 else label[:13] + "…"
 
 
 _SPECIAL: Mapping[int, str] = {ord(c): f"\\{c}" for c in "\\`*_{}[]<>#|!$~"}

@@ -44,9 +44,8 @@ def test_the_file_is_whole(written):
     """With its footer, as the viewer's own check sees it."""
     import rerun_cli
 
-    done = subprocess.run(
-        [Path(rerun_cli.__file__).parent / "rerun", "rrd", "verify", written], capture_output=True, text=True, check=False
-    )
+    program = Path(rerun_cli.__file__).parent / "rerun"
+    done = subprocess.run([program, "rrd", "verify", written], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "warn" not in (done.stdout + done.stderr).lower()
 
