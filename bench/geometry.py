@@ -37,13 +37,26 @@ class Place:
     what: Literal["body", "turn", "site", "rod", "tendon", "pivot", "axis", "gear"]
     element: str
     parameter: str
-    """Stem of the name: 'p1' for p1.x, p1.y, p1.z; the whole name of a length."""
+    """Stem of the name: 'p1' for p1.x, p1.y, p1.z; the whole name of a length; or the parameters of three coordinates,
+    '-a1x 0 0' for (−a1x, 0, 0)."""
     within: str = ""
     """Body in whose frame the parameter is given, where that is not the element's own parent."""
     nominal: np.ndarray = field(default_factory=lambda: np.eye(3))
     """(3, 3) R_nominal of a turn; (3,) nominal axis."""
     factor: float = 1.0
     """Gear ratio at parameter value 1 [1 or m/rad]."""
+
+
+@dataclass(frozen=True)
+class _Values:
+    """What the places of one sort read out of k."""
+
+    columns: np.ndarray
+    factors: np.ndarray
+    """0 where a coordinate is none."""
+
+    def of(self, k: np.ndarray) -> np.ndarray:
+        return self.factors * k[self.columns]
 
 
 class Geometry:
@@ -54,33 +67,37 @@ class Geometry:
         at = {name: i for i, name in enumerate(parameters)}
         placed: set[str] = set()
 
-        def select(what: str) -> tuple[list[Place], np.ndarray]:
+        def select(what: str) -> tuple[list[Place], _Values]:
             chosen = [p for p in places if p.what == what]
-            columns = []
+            columns, factors = [], []
             for p in chosen:
-                names = [p.parameter] if what in NUMBERS else [f"{p.parameter}.{axis}" for axis in "xyz"]
-                columns.append([at[name] for name in names])
-                placed.update(names)
-            return chosen, np.array(columns, int).reshape(len(chosen), 1 if what in NUMBERS else 3)
+                names = p.parameter.split()
+                if len(names) == 1 and what not in NUMBERS:
+                    names = [f"{p.parameter}.{axis}" for axis in "xyz"]
+                columns.append([0 if name == "0" else at[name.removeprefix("-")] for name in names])
+                factors.append([0.0 if name == "0" else -1.0 if name[0] == "-" else 1.0 for name in names])
+                placed.update(name.removeprefix("-") for name in names)
+            shape = (len(chosen), 1 if what in NUMBERS else 3)
+            return chosen, _Values(np.array(columns, int).reshape(shape), np.array(factors).reshape(shape))
 
-        bodies, self._body_columns = select("body")
+        bodies, self._body_values = select("body")
         self._bodies = np.array([model.body(p.element).id for p in bodies], int)
         self._body_offset = np.array([self._parent_in(p.element, p.within) for p in bodies]).reshape(-1, 3)
-        turns, self._turn_columns = select("turn")
+        turns, self._turn_values = select("turn")
         self._turns = np.array([model.body(p.element).id for p in turns], int)
         self._turn_nominal = np.array([p.nominal for p in turns]).reshape(-1, 3, 3)
-        sites, self._site_columns = select("site")
+        sites, self._site_values = select("site")
         self._sites = np.array([model.site(p.element).id for p in sites], int)
-        rods, self._rod_columns = select("rod")
+        rods, self._rod_values = select("rod")
         self._rods = np.array([model.body(p.element).id for p in rods], int)
-        tendons, self._tendon_columns = select("tendon")
+        tendons, self._tendon_values = select("tendon")
         self._tendons = np.array([model.tendon(p.element).id for p in tendons], int)
-        pivots, self._pivot_columns = select("pivot")
+        pivots, self._pivot_values = select("pivot")
         self._pivots = np.array([model.joint(p.element).id for p in pivots], int)
-        axes, self._axis_columns = select("axis")
+        axes, self._axis_values = select("axis")
         self._axes = np.array([model.joint(p.element).id for p in axes], int)
         self._axis_nominal = np.array([p.nominal for p in axes]).reshape(-1, 3)
-        gears, self._gear_columns = select("gear")
+        gears, self._gear_values = select("gear")
         self._gears = np.array([model.equality(p.element).id for p in gears], int)
         self._gear_factors = np.array([p.factor for p in gears])
         # A site that the compiler found in its body's origin is flagged so, and its position would never be read.
@@ -108,16 +125,17 @@ class Geometry:
     def write(self, k: np.ndarray) -> None:
         """Give the model the geometry k (nk,) [m, rad]; nothing is recompiled."""
         model = self._model
-        model.body_pos[self._bodies] = k[self._body_columns] - self._body_offset
-        model.body_quat[self._turns] = rotation.to_quaternion(rotation.exp(k[self._turn_columns]) @ self._turn_nominal)
-        model.site_pos[self._sites] = k[self._site_columns]
-        model.body_pos[self._rods, 2] = -k[self._rod_columns[:, 0]] if len(self._rods) else 0.0
+        model.body_pos[self._bodies] = self._body_values.of(k) - self._body_offset
+        turn = rotation.exp(self._turn_values.of(k)) @ self._turn_nominal
+        model.body_quat[self._turns] = rotation.to_quaternion(turn)
+        model.site_pos[self._sites] = self._site_values.of(k)
+        model.body_pos[self._rods, 2] = -self._rod_values.of(k)[:, 0] if len(self._rods) else 0.0
         if len(self._pivots):
-            model.jnt_pos[self._pivots] = k[self._pivot_columns]
+            model.jnt_pos[self._pivots] = self._pivot_values.of(k)
         if len(self._axes):
-            turn = rotation.exp(k[self._axis_columns])
+            turn = rotation.exp(self._axis_values.of(k))
             model.jnt_axis[self._axes] = (turn @ self._axis_nominal[..., None])[..., 0]
         if len(self._gears):
-            model.eq_data[self._gears, 1] = self._gear_factors * k[self._gear_columns[:, 0]]
+            model.eq_data[self._gears, 1] = self._gear_factors * self._gear_values.of(k)[:, 0]
         if len(self._tendons):
-            model.tendon_length0[self._tendons] = k[self._tendon_columns[:, 0]]
+            model.tendon_length0[self._tendons] = self._tendon_values.of(k)[:, 0]

@@ -11,7 +11,7 @@ from pcalib import kinematics, rotation
 from pcalib import robot as robots
 from pcalib.workspace import reachable
 
-NAMES = sorted(path.stem for path in MODELS.glob("*.toml") if path.stem not in ("delta", "planar"))
+NAMES = sorted(path.stem for path in MODELS.glob("*.toml") if path.stem != "delta")
 TOOL = np.array([0.02, -0.01, -0.3])
 SIZE = {"m": 1e-3, "rad": 4e-3, "1": 1e-3}
 
@@ -92,7 +92,7 @@ def test_h4_sides_turn_against_the_plate():
         assert np.abs(machine.loops.data.qpos[adr] + yaw).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "planar"])  # whose second rod is a tendon
 def test_masses_of_the_file_reach_the_model(name):
     robot = load(name)
     mass, model = robot.mass, Machine(robot).model
