@@ -85,6 +85,7 @@ def diagnose(
     alpha: float = ALPHA,
     n_draws: int = N_DRAWS,
     seed: int = 0,
+    without: Sequence[str] = (),
 ) -> Diagnosis:
     """Which effect is missing from a model.
 
@@ -93,11 +94,12 @@ def diagnose(
         largest: most effects in one explanation.
         alpha: false alarms allowed for, over everything that is looked at.
         n_draws: Monte-Carlo draws of pure noise.
+        without: names of effects that are not considered, because they are known not to be there.
 
     Raises:
         InputError: too few readings to say anything.
     """
-    made = problem(model, data, own)
+    made = problem(model, data, own, without=without)
     if len(made.y) <= made.nuisance.shape[1] // 2:
         raise InputError(
             f"{len(made.data)} poses leave nothing to judge a model of level {model.level} by",
@@ -107,7 +109,7 @@ def diagnose(
     screen = made.screen(n_draws, seed)
     start = adequacy.p_values(screen)
     null = adequacy.null_distribution(screen)
-    sets = _explanations(made, screen, data, own, largest, alpha, n_draws, seed)
+    sets = _explanations(made, screen, data, own, largest, alpha, n_draws, seed, without)
     critical = float(np.quantile(null, alpha))
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)
@@ -136,6 +138,7 @@ def _explanations(
     alpha: float,
     n_draws: int,
     seed: int,
+    without: Sequence[str] = (),
 ) -> list[Explanation]:
     """The smallest adequate sets over all geometry levels, one per combination of names, best first."""
     worlds = [_World((), made, screen)]
@@ -152,7 +155,7 @@ def _explanations(
             ordered = sorted(found.values(), key=lambda e: e.bic)
             return [_checked(e, made, data) if len(ordered) == 1 and e.names else e for e in ordered]
         if size == 0:  # something is missing: now it is worth the refits at richer levels
-            worlds += _richer(made, data, own, n_draws, seed)
+            worlds += _richer(made, data, own, n_draws, seed, without)
     return []
 
 
@@ -191,7 +194,9 @@ def _simpler(prefix: tuple[str, ...], names: tuple[str, ...], made: Problem) -> 
     return bool(found) and levels[found[0]].basis.shape[1] < levels[prefix[0]].basis.shape[1]
 
 
-def _richer(made: Problem, data: Measurements, own: Sequence[Effect], n_draws: int, seed: int) -> list[_World]:
+def _richer(
+    made: Problem, data: Measurements, own: Sequence[Effect], n_draws: int, seed: int, without: Sequence[str]
+) -> list[_World]:
     """The same data at every richer geometry level, refitted: large errors are not linear."""
     out = []
     for candidate in made.candidates:
@@ -201,7 +206,8 @@ def _richer(made: Problem, data: Measurements, own: Sequence[Effect], n_draws: i
             fitted = identification.fit(data, replace(made.model, history=()), candidate.name).model
         except (FitError, InputError):
             continue
-        rebuilt = problem(fitted, data, own, noise=made.noise if made.noise.source == "replicates" else None)
+        known = made.noise if made.noise.source == "replicates" else None
+        rebuilt = problem(fitted, data, own, known, without=without)
         out.append(_World((candidate.name,), rebuilt, rebuilt.screen(n_draws, seed)))
     return out
 

@@ -93,6 +93,7 @@ def problem(
     own: Sequence[Effect] = (),
     noise: NoiseLevel | None = None,
     all_rows: bool = False,
+    without: Sequence[str] = (),
 ) -> Problem:
     """Set up the diagnosis of a model on data.
 
@@ -101,15 +102,16 @@ def problem(
         own: the user's own effects.
         noise: a level found before; estimated where absent.
         all_rows: set no outliers aside.
+        without: names of effects that are not considered.
     """
     fit = data.take(~data.check)
-    made = _linearised(model, fit, own)
+    made = _linearised(model, fit, own, without)
     if not all_rows:
         odd = outliers.find(made.y, joint_span(made.nuisance, made.groups), made.row, len(fit))
         if len(odd.rows) and not odd.too_many:
             keep = np.ones(len(fit), bool)
             keep[odd.rows] = False
-            made = replace(_linearised(model, fit.take(keep), own), outliers=odd, given=fit)
+            made = replace(_linearised(model, fit.take(keep), own, without), outliers=odd, given=fit)
         else:
             made = replace(made, outliers=odd)
     blocks = _blocks(made)
@@ -126,7 +128,7 @@ def problem(
     )
 
 
-def _linearised(model: Model, fit: Measurements, own: Sequence[Effect]) -> Problem:
+def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without: Sequence[str]) -> Problem:
     unknowns = unknowns_of(model, model.level, model.effects, fit.frame == "tracker")
     linear = linearisation.linearise(model, fit, unknowns)
     point = Point.of(model, linear.prediction, linearisation.conditions_of(fit))
@@ -136,6 +138,8 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect]) -> Probl
         return _gather(_padded(fit, columns), linear.row, linear.component)
 
     found, unavailable = candidates(point, own, lambda: scanned(point, linear.residual, nuisance, whiten))
+    unavailable += [Unavailable(name, "left out, as asked") for name in {c.name for c in found} & set(without)]
+    found = [c for c in found if c.name not in without]
     for name in richer_levels(model):
         columns = level_columns(point, name)
         chosen = unknowns_of(model, name)
