@@ -55,10 +55,10 @@ def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str]
 
 def _fit_line(step: Step) -> str:
     assert step.fit is not None
-    text = f"Leaves {size(step.fit.fit.rms_pos)} RMS on the {step.fit.fit.n_rows} poses it was fitted to"
+    text = f"Residual {size(step.fit.fit.rms_pos)} RMS on {step.fit.fit.n_rows} fitted poses"
     if step.fit.check is not None:
-        text += f", {size(step.fit.check.rms_pos)} on {step.fit.check.n_rows} held-out ones"
-    return text + f"; {step.fit.n_identified} directions identified."
+        text += f", {size(step.fit.check.rms_pos)} on {step.fit.check.n_rows} held out"
+    return text + f"; {step.fit.n_identified} directions told."
 
 
 def log_curves(rec: rr.RecordingStream, ladder: Ladder) -> None:

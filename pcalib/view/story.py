@@ -133,7 +133,7 @@ def _eye(body: Skeleton, field: ErrorMap, up: np.ndarray) -> rrb.EyeControls3D:
     points = np.concatenate([body.points, body.pose.tcp(field.tool), field.targets])
     middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
     reach = float(np.linalg.norm(points - middle, axis=1).max())
-    towards = np.array([0.62, -0.74, 0.26]) if up[2] else np.array([0.0, 0.0, 1.0])
+    towards = np.array([0.90, -0.42, 0.28]) if up[2] else np.array([0.0, 0.0, 1.0])
     return rrb.EyeControls3D(
         position=middle + 2.2 * reach * towards / np.linalg.norm(towards), look_target=middle, eye_up=up
     )
