@@ -232,3 +232,17 @@ def test_real_platform():
     assert np.abs(change - U @ (U.T @ change))[joints].max() < 15e-3
     travel = fit.candidate.k[[mechanism.index(f"s{i}") for i in range(1, 7)]]
     assert np.abs(travel - 1).max() < 0.07
+
+
+def test_bed_contacts_are_compared_and_shown_like_any_data(tmp_path):
+    """Heights alone: the map stands where the model puts the contacts, and only heights can be off."""
+    from pcalib.diagnosis import recording
+
+    points = bed_points(20, 85.0)
+    noise = 9e-3 * np.random.default_rng(0).standard_normal(20)
+    found = importers.run("carriage-steps", write(tmp_path / "s.csv", contact_steps(points, noise)), SETTINGS)
+    ladder = recording.story(identification.fit(found.data, found.robot, "firmware4").model, found.data)
+    (shown,) = ladder.maps
+    assert np.abs(shown.targets[:, :2] - 1e-3 * points).max() < 1e-3
+    assert not shown.errors[..., :2].any() and (shown.status == "ok").all()
+    assert 3e-6 < ladder.rms[-1, 0] <= ladder.rms[0, 0]

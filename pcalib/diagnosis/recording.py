@@ -34,9 +34,14 @@ def story(model: Model, data: Measurements, own: Sequence[Effect] = (), effect_f
         entry = model.history[i] if model.history else {}
         models.append(then)
         steps.append(_step(i, then, data, own, str(entry.get("action", "model")), str(entry.get("effect", ""))))
-    errors = np.stack([linearisation.residuals(m, data)[0][:, :3] for m in models])
-    status = np.where(np.isfinite(errors).all(axis=-1), "ok", "not measured")
+    found = [linearisation.residuals(m, data) for m in models]
+    errors = np.stack([error[:, :3] for error, _ in found])
+    status = np.where(np.isfinite(errors).any(axis=-1), "ok", "not measured")
+    # Of a reading in part (a height, say) only that part can be off, and the model says where it was taken.
+    errors = np.where(status[..., None] == "ok", np.nan_to_num(errors), np.nan)
     place = data.position if data.frame == "base" else _in_base(model, data)
+    last = found[-1][1]
+    place = np.where(np.isfinite(place), place, last.pose.tcp(last.tool))
     tools, which = np.unique(np.round(data.tool, 6), axis=0, return_inverse=True)
     maps = tuple(
         ErrorMap(
