@@ -5,6 +5,9 @@ Nothing passes from the virtual robot to the calibration but a data file; nothin
 
 from __future__ import annotations
 
+import os
+import shutil
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -233,8 +236,16 @@ def show(demo: Demo, files: Mapping[str, Path], seconds: float) -> None:
         f"MuJoCo; {seconds:.1f} s. Files in {folder}:"
     )
     frame.say(f"- {files['report'].name}: the report, for any browser")
-    frame.say(f"- {files['recording'].name}: the robot and its error field; open it with: pcalib view {folder}")
+    frame.say(f"- {files['recording'].name}: the robot and its error field; open it with: {_pcalib()} view {folder}")
     frame.say(f"- {files['data'].name}, {files['truth'].name}, {files['complete'].name} …: data, truth and models")
+
+
+def _pcalib() -> str:
+    """How `pcalib` can be called from here."""
+    if shutil.which("pcalib"):
+        return "pcalib"
+    beside = Path(sys.executable).with_name("pcalib")
+    return os.path.relpath(beside) if beside.exists() else f"{Path(sys.executable).name} -m pcalib"
 
 
 def content(demo: Demo) -> dict[str, Any]:
