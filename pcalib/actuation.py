@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -43,7 +44,11 @@ class RotaryArms:
 
     def _frames(self, k: np.ndarray) -> np.ndarray:
         """exp(β_i)·Rz(θ_i), (nq, 3, 3): column 0 is the motor axis as built."""
-        return rotation.exp(k[self.beta]) @ rotation.about(np.array([0.0, 0.0, 1.0]), self.azimuth)
+        return rotation.exp(k[self.beta]) @ self._nominal_frames
+
+    @cached_property
+    def _nominal_frames(self) -> np.ndarray:
+        return rotation.about(np.array([0.0, 0.0, 1.0]), self.azimuth)
 
     def _circle(self, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Every anchor runs on a circle, A = O + C cos q + S sin q: three (m, 3) arrays."""

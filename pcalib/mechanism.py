@@ -108,6 +108,18 @@ class Level:
         """Whether the columns are the raw parameters themselves."""
         return self.basis.shape[0] == self.basis.shape[1] and np.array_equal(self.basis, np.eye(len(self.basis)))
 
+    @cached_property
+    def _left_inverse(self) -> np.ndarray:
+        return np.linalg.pinv(self.basis)
+
+    def coordinates(self, errors: np.ndarray) -> np.ndarray:
+        """Level coordinates (nz,) nearest to raw geometric errors (nk,)."""
+        return errors if self.raw else self._left_inverse @ errors
+
+    def project(self, errors: np.ndarray) -> np.ndarray:
+        """The part (nk,) of raw geometric errors that lies in the level."""
+        return errors if self.raw else self.basis @ self.coordinates(errors)
+
 
 @dataclass(frozen=True)
 class Pose:

@@ -17,6 +17,8 @@ from pcalib.model import FittedEffect, Frame, Model
 EFFECT_PRIOR_WIDTH = 3.0
 """Effects are held by 3× what is usual: loose enough not to shrink what data can see."""
 _FRAME_SCALE = 1e-3
+_TARGET_PRIOR = 1e-2
+"""[m] The target's place is stated to a centimetre at worst; what of it is a gauge stays there."""
 
 
 @dataclass(frozen=True)
@@ -43,15 +45,9 @@ class Unknowns:
         """(nk, n_geometry) free directions of the level."""
         return self.level.basis[:, self.keep]
 
-    @cached_property
-    def _left_inverse(self) -> np.ndarray:
-        return np.linalg.pinv(self.basis)
-
     def coordinates(self, errors: np.ndarray) -> np.ndarray:
-        """Level coordinates (n_geometry,) of raw geometric errors (nk,)."""
-        if self.level.raw:
-            return errors[self.keep]
-        return self._left_inverse @ errors
+        """Free level coordinates (n_geometry,) of raw geometric errors (nk,)."""
+        return self.level.coordinates(errors)[self.keep]
 
     @property
     def bounded(self) -> bool:
@@ -72,10 +68,10 @@ def unknowns_of(
     """The unknowns of a fit.
 
     Args:
-        fixed: names of level columns held at nominal.
+        fixed: names of level columns held where the start has them: at nominal, or as in the model given.
         bounds: name → (low, high) of the change from nominal [SI].
         prior: 1σ by unit ('m', 'rad', '1') or by parameter name; manufacturing tolerances elsewhere.
-        flat: no priors at all.
+        flat: no priors but that of the target's place, which a robot that hardly turns cannot tell from the frame's.
     """
     levels = model.robot.mechanism.levels
     if level not in levels:
@@ -100,11 +96,11 @@ def unknowns_of(
     names += [f"frame.{c}" for c in ("x", "y", "z", "rx", "ry", "rz")][:n_frame]
     names += [f"target.{c}" for c in "xyz"] if frame else []
     scale = np.array(sizes + [_FRAME_SCALE] * n_frame)
-    free = np.concatenate([np.array(sizes), np.full(6 if frame else 0, np.inf), np.full(3 if frame else 0, np.inf)])
-    if frame:
-        free[-3:] = 1e-2  # the target's place is stated to a centimetre at worst; the rest of it is a gauge
+    free = np.array(sizes + [np.inf] * n_frame)
     if flat:
         free[:] = np.inf
+    if frame:
+        free[-3:] = _TARGET_PRIOR
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for name, (low, high) in bounds.items():
         lower[names.index(name)], upper[names.index(name)] = low, high
@@ -124,9 +120,8 @@ def apply(model: Model, unknowns: Unknowns, step: np.ndarray) -> Model:
     if unknowns.n_frame:
         assert frame is not None
         f = step[g + e :]
-        frame = Frame(
-            rotation.renormalise(rotation.exp(f[3:6]) @ frame.rotation), frame.translation + f[:3], frame.offset + f[6:9]
-        )
+        turned = rotation.renormalise(rotation.exp(f[3:6]) @ frame.rotation)
+        frame = Frame(turned, frame.translation + f[:3], frame.offset + f[6:9])
     return replace(model, k=k, effects=tuple(effects), frame=frame)
 
 

@@ -1,0 +1,106 @@
+"""Residuals of a model on data, and how they depend on every unknown: what fits, diagnoses and plans start from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import prediction, rotation
+from pcalib.errors import InputError
+from pcalib.measurement import Measurements
+from pcalib.model import Frame, Model
+from pcalib.prediction import Conditions, Prediction
+from pcalib.unknowns import Unknowns
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Whitened residuals of measured scalars and their derivatives by every unknown."""
+
+    residual: np.ndarray
+    """(M,) (measured − predicted)/σ."""
+    geometry: np.ndarray
+    """(M, n_geometry)."""
+    effects: np.ndarray
+    """(M, n_effects)."""
+    frame: np.ndarray
+    """(M, n_frame)."""
+    row: np.ndarray
+    """(M,) pose of each scalar."""
+    component: np.ndarray
+    """(M,) 0…5 for x y z rx ry rz."""
+    prediction: Prediction
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """(M, n) all columns side by side."""
+        return np.concatenate([self.geometry, self.effects, self.frame], axis=1)
+
+    @property
+    def nuisance(self) -> np.ndarray:
+        """(M, n_frame + n_effects) what is unknown beside the geometry."""
+        return np.concatenate([self.frame, self.effects], axis=1)
+
+
+def conditions_of(data: Measurements) -> Conditions:
+    """Tools, payloads and further columns of a data set."""
+    return Conditions(data.tool, data.payload, data.columns)
+
+
+def residuals(model: Model, data: Measurements, start: Prediction | None = None) -> tuple[np.ndarray, Prediction]:
+    """Measured − predicted (N, 6) [m, rad], NaN where not measured or not reached, and the prediction.
+
+    Args:
+        start: an earlier prediction, from whose poses forward kinematics starts.
+    """
+    p = prediction.predict(model, data.q, conditions_of(data), start.pose if start is not None else None)
+    error = np.full((len(data.q), 6), np.nan)
+    error[:, :3] = data.position - p.position
+    turned = data.mask[:, 3]
+    if turned.any():
+        error[turned, 3:] = rotation.log(data.rotation[turned] @ np.swapaxes(p.rotation[turned], -1, -2))
+    error[~data.mask] = np.nan
+    error[p.status != "ok"] = np.nan
+    return error, p
+
+
+def linearise(
+    model: Model, data: Measurements, unknowns: Unknowns, at: tuple[np.ndarray, Prediction] | None = None
+) -> Linearisation:
+    """Whitened residuals and Jacobians of a model on data.
+
+    Args:
+        at: what :func:`residuals` gave for this model and these data, where it is known already.
+    """
+    error, p = at if at is not None else residuals(model, data)
+    closed, JX = prediction.closure_of(model, p)
+    basis = None if unknowns.level.raw and unknowns.keep.all() else unknowns.basis
+    blocks = [prediction.geometry_columns(model, p, closed, JX, basis)]
+    parts = []
+    if unknowns.n_effects:
+        assert p.situation is not None
+        for fitted in model.effects:
+            parts += prediction.unit_contributions(fitted.effect, p.situation, fitted.theta)
+    blocks.append(prediction.effect_columns(model, p, closed, JX, parts))
+    blocks.append(prediction.frame_columns(model, p) if unknowns.n_frame else np.zeros((len(error), 6, 0)))
+    row, component = np.nonzero(data.mask)
+    sigma = data.sigma[row, component]
+    geometry, effects, frame = (block[row, component] / sigma[:, None] for block in blocks)
+    return Linearisation(error[row, component] / sigma, geometry, effects, frame, row, component, p)
+
+
+def register(model: Model, data: Measurements) -> Frame:
+    """First guess of the frame: the rigid motion that best lays predicted on measured positions (Kabsch)."""
+    p = prediction.predict(replace(model, frame=None), data.q, conditions_of(data))
+    full = data.mask[:, :3].all(axis=1) & (p.status == "ok")
+    if full.sum() < 3:
+        raise InputError(
+            f"only {full.sum()} rows have x, y and z: an unknown frame needs at least 3",
+            file=data.source,
+            remedy="measure more poses, or in the base frame (# frame = base)",
+        )
+    a, b = p.position[full], data.position[full]
+    U, _, Vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
+    R = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return Frame(R, b.mean(0) - R @ a.mean(0))

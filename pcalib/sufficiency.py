@@ -1,0 +1,119 @@
+"""Whether data can support a fit at all: poses that close, columns in order, enough readings for the level."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from pcalib import prediction
+from pcalib.errors import InputError
+from pcalib.identifiability import THRESHOLD, project_out
+from pcalib.measurement import Measurements
+from pcalib.model import Frame, Model
+from pcalib.prediction import Conditions, Prediction
+from pcalib.robot import Robot
+from pcalib.unknowns import Unknowns, unknowns_of
+
+Kind = tuple[tuple[bool, ...], tuple[float, ...]]
+"""What a row measures, (6,), and with which tool, (3,) [m]."""
+_KINDS = 6
+"""The commonest kinds of rows that count for what a level can identify."""
+
+
+def require_reach(p: Prediction, data: Measurements) -> None:
+    """Refuse data with a command at which the loops cannot close."""
+    bad = np.flatnonzero(p.status != "ok")
+    if len(bad):
+        more = f" (and {len(bad) - 1} more rows)" if len(bad) > 1 else ""
+        raise InputError(
+            f"the robot cannot close its loops at this command: {str(p.status[bad[0]]).replace('_', ' ')}{more}",
+            file=data.source,
+            line=int(data.lines[bad[0]]),
+            remedy="check the sign, order and unit of the actuator columns against the robot file",
+        )
+
+
+def require_order(error: np.ndarray, data: Measurements, robot: Robot) -> None:
+    """Refuse data that fit the nominal robot only with columns swapped or axes mirrored.
+
+    Args:
+        error: (N, 6) residuals of the nominal robot.
+    """
+    from pcalib import mixups
+
+    length = np.linalg.norm(error[~np.isnan(error[:, :3]).any(axis=1), :3], axis=1)
+    if not len(length) or np.median(length) < mixups.LARGE:
+        return
+    found = mixups.compare(data, robot)
+    if found.explanations:
+        raise InputError(
+            f"the data are {found.rms * 1e3:.0f} mm (RMS) from the nominal robot, and fit it where "
+            f"{' or where '.join(found.explanations)}",
+            file=data.source,
+            remedy="put the columns in order, or check the robot file ('pcalib inspect' says more)",
+        )
+
+
+def require_enough(model: Model, data: Measurements, unknowns: Unknowns) -> int:
+    """Directions that the level should identify from such readings; refuses data with no reading to spare."""
+    if unknowns.n_geometry == 0:
+        return 0
+    tools = np.round(data.tool, 6).tolist()
+    rows = [(tuple(mask), tuple(tool)) for mask, tool in zip(data.mask.tolist(), tools, strict=True)]
+    kinds = tuple(sorted(kind for kind, _ in Counter(rows).most_common(_KINDS)))
+    expected = expected_rank(
+        model.robot, unknowns.level.name, tuple(unknowns.keep), kinds, tuple(_typical(data)), unknowns.n_frame > 0
+    )
+    needed = expected + min(unknowns.n_frame, 6) + 1
+    readings = int(data.mask.sum())
+    if readings < needed:
+        n = len(data.q)
+        least = int(np.ceil(needed * n / max(readings, 1)))
+        raise InputError(
+            f"too few poses: {n} pose{'s' * (n != 1)} give{'s' * (n == 1)} {readings} readings, "
+            f"level {unknowns.level.name} needs {needed}",
+            file=data.source,
+            remedy=f"measure at least {least} poses (three times as many is usual), or fit a simpler level",
+        )
+    return expected
+
+
+def _typical(data: Measurements) -> np.ndarray:
+    """(6,) median σ of the measured components; 1 where a component is never measured."""
+    return np.array([np.median(data.sigma[m, c]) if m.any() else 1.0 for c, m in enumerate(data.mask.T)])
+
+
+@lru_cache(maxsize=64)
+def expected_rank(
+    robot: Robot, level: str, keep: tuple[bool, ...], kinds: tuple[Kind, ...], sigma: tuple[float, ...], frame: bool
+) -> int:
+    """Directions that 40 well-spread poses of each kind would identify at nominal geometry.
+
+    Args:
+        keep: which columns of the level are free.
+        sigma: (6,) [m, rad] of the instrument.
+        frame: whether registration and target place are unknown.
+    """
+    from pcalib.workspace import reachable
+
+    q = reachable(robot, 40, np.random.default_rng(0)).q
+    nominal = replace(Model.nominal(robot), frame=Frame() if frame else None)
+    chosen = unknowns_of(nominal, level, frame=frame)
+    basis = chosen.level.basis[:, np.array(keep, bool)]
+    scale = chosen.scale[: chosen.n_geometry][np.array(keep, bool)]
+    rows, frames = [], []
+    for mask, tool in kinds:
+        p = prediction.predict(nominal, q, Conditions.of(len(q), tool))
+        at, JX = prediction.closure_of(nominal, p)
+        seen = np.flatnonzero(mask)
+        noise = np.array(sigma)[seen][:, None]
+        J = prediction.geometry_columns(nominal, p, at, JX, basis)[:, seen] / noise
+        rows.append(J.reshape(-1, basis.shape[1]))
+        if frame:
+            F = prediction.frame_columns(nominal, p)[:, seen] / noise
+            frames.append(F.reshape(-1, F.shape[-1]))
+    scaled = project_out(np.concatenate(rows), np.concatenate(frames) if frames else None) * scale
+    return int(np.sum(np.linalg.svd(scaled, compute_uv=False) > THRESHOLD))
