@@ -86,11 +86,13 @@ class Machine:
         self.k = parameter_vector(robot, values)
         """(nk,) true geometry."""
 
-        model, rods = self.model, robot.mechanism.rods
+        model = self.model
         self._plate, self._tool = model.body("plate").id, model.body("tool").id
-        self._plate_sites = [model.site(f"b{r}").id for r in rods]
-        self._bodies = variant_has_rod_bodies(model, rods)
-        self._anchors = [model.body(f"rod{r}").id if self._bodies else model.site(f"a{r}").id for r in rods]
+        # What the mechanism counts as a rod may be a constraint without a body, such as the drive of a driven rod.
+        self._rods = [r for r in robot.mechanism.rods if has(model, mujoco.mjtObj.mjOBJ_SITE, f"b{r}")]
+        self._plate_sites = [model.site(f"b{r}").id for r in self._rods]
+        self._bodies = has(model, mujoco.mjtObj.mjOBJ_BODY, f"rod{self._rods[0]}")
+        self._anchors = [model.body(f"rod{r}").id if self._bodies else model.site(f"a{r}").id for r in self._rods]
         self._assemble()
 
     # -- solving -------------------------------------------------------------------------------------------------
@@ -121,14 +123,15 @@ class Machine:
         self._home = data.qpos.copy()
 
     def _aim_rods(self) -> None:
-        """Turn every rod's two hinges so that it points at its plate anchor."""
+        """Turn the two hinges of every rod that has them so that it points at its plate anchor."""
         model, data = self.model, self.loops.data
-        names = self.robot.mechanism.rods
-        hinges = np.array([[model.joint(f"rod{r}.{axis}").qposadr[0] for axis in "xy"] for r in names])
+        free = [i for i, r in enumerate(self._rods) if has(model, mujoco.mjtObj.mjOBJ_JOINT, f"rod{r}.x")]
+        hinges = np.array([[model.joint(f"rod{self._rods[i]}.{axis}").qposadr[0] for axis in "xy"] for i in free])
+        anchors = np.array(self._anchors)[free]
         data.qpos[hinges] = 0.0
         mujoco.mj_kinematics(model, data)
-        to_plate = data.site_xpos[self._plate_sites] - data.xpos[self._anchors]
-        frames = data.xmat[self._anchors].reshape(-1, 3, 3)
+        to_plate = data.site_xpos[np.array(self._plate_sites)[free]] - data.xpos[anchors]
+        frames = data.xmat[anchors].reshape(-1, 3, 3)
         d = np.einsum("rji,rj->ri", frames, to_plate)
         d /= np.linalg.norm(d, axis=1, keepdims=True)
         # Rx(α)·Ry(γ)·(0, 0, −1) = (−sin γ, sin α cos γ, −cos α cos γ)
@@ -244,9 +247,9 @@ class Machine:
         return self.run(Commands.of(q, tool))
 
 
-def variant_has_rod_bodies(model: mujoco.MjModel, rods: tuple[str, ...]) -> bool:
-    """Whether rods are bodies (else tendons)."""
-    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"rod{rods[0]}") >= 0
+def has(model: mujoco.MjModel, what: mujoco.mjtObj, name: str) -> bool:
+    """Whether a model has an element of that name."""
+    return mujoco.mj_name2id(model, what, name) >= 0
 
 
 def parameter_vector(robot: Robot, values: Mapping[str, float] | np.ndarray | None) -> np.ndarray:

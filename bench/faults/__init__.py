@@ -160,13 +160,19 @@ class Fault:
         Raises:
             InputError: this kind of robot has no such part.
         """
-        body = spec.body(name)
-        if body is None:
+        return self._part(spec.body(name), name)
+
+    def site(self, spec: mujoco.MjSpec, name: str) -> mujoco.MjsSite:
+        """A site that the fault works on; errors as for :meth:`body`."""
+        return self._part(spec.site(name), name)
+
+    def _part(self, found: Any, name: str) -> Any:
+        if found is None:
             raise InputError(
                 f"fault '{self.name}' works on '{name}', and a robot of kind '{self.robot.kind}' has none",
                 remedy="leave this fault out for this robot",
             )
-        return body
+        return found
 
     def _enlist(self, joint: mujoco.MjsJoint, stiffness: float) -> None:
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE

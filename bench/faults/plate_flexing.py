@@ -20,7 +20,7 @@ class PlateFlexing(Fault):
         for rod, compliance in zip(self.robot.mechanism.rods, self.values["compliance"], strict=True):
             if not compliance:
                 continue
-            site = spec.site(f"b{rod}")
+            site = self.site(spec, f"b{rod}")
             # The ear hangs in the plate's origin, so that the site keeps its coordinates.
             ear = site.parent.add_body(name=f"ear{rod}")
             ear.explicitinertial, ear.mass, ear.inertia = True, 1e-9, [1e-9] * 3

@@ -468,7 +468,7 @@ def test_a_sealed_fault_is_the_same_fault(name):
 # -- other kinds of robots ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["hexa", "hexa321", "h4", "linear_delta", "hexapod"])
+@pytest.mark.parametrize("kind", ["hexa", "hexa321", "h4", "linear_delta", "hexapod", "planar"])
 def test_faults_of_other_kinds(kind):
     """Drives give way by the change of MuJoCo's potential energy along them; what does not suit a kind says so."""
     robot = robots.load(MODELS / f"{kind}.toml")
