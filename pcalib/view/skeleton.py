@@ -91,15 +91,15 @@ def skeleton(model: Model, q: np.ndarray) -> Skeleton:
         mine = np.flatnonzero(real & (mechanism.actuator == i))
         if len(mine) == 0:
             continue
-        motion = _motion(mechanism, k, q, mine)
-        if motion is None:
+        if not np.abs(at.side.dA[0, mine]).max() > 1e-12:  # legs start from fixed points
             fixed += list(A[mine])
             continue
         middle = A[mine].mean(axis=0)
         if len(mine) > 1:
             parts["elbows"].append(_span(A[mine]))
-        if isinstance(motion, np.ndarray):  # an axis: centres of the anchors' circles, and its direction
-            centres, axis = motion[:-1], motion[-1]
+        circles = _circles(mechanism, k, q, mine)
+        if circles is not None:
+            centres, axis = circles
             hub = centres.mean(axis=0)
             arm = np.linalg.norm(middle - hub)
             along = (centres - hub) @ axis
@@ -123,18 +123,18 @@ def skeleton(model: Model, q: np.ndarray) -> Skeleton:
     )  # fmt: skip
 
 
-def _motion(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, rods: np.ndarray) -> np.ndarray | str | None:
-    """How an actuator moves its anchors: (n + 1, 3) circle centres and axis, 'line', or None for not at all."""
+def _circles(
+    mechanism: Mechanism, k: np.ndarray, q: np.ndarray, rods: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Centres (n, 3) of the circles on which an actuator moves anchors, and their axis (3,); None for lines."""
     side = mechanism.actuation.base(k, q)
     velocity = side.dA[0, rods]
-    if not np.abs(velocity).max() > 1e-12:
-        return None
     ahead, behind = (mechanism.actuation.base(k, q + s * _STEP).dA[0, rods] for s in (1, -1))
-    towards = (ahead - behind) / (2 * _STEP)  # centre − anchor on a circle, by unit of turn
+    towards = (ahead - behind) / (2 * _STEP)  # from the anchor to the centre
     if np.linalg.norm(towards, axis=1).max() < 1e-6 * np.linalg.norm(velocity, axis=1).max():
-        return "line"
+        return None
     axis = np.cross(velocity, towards).mean(axis=0)
-    return np.vstack([side.A[0, rods] + towards, axis / np.linalg.norm(axis)])
+    return side.A[0, rods] + towards, axis / np.linalg.norm(axis)
 
 
 def _middle_at(
