@@ -60,6 +60,8 @@ class Robot:
     """[drive], e.g. ripple_per_turn."""
     text: str = ""
     """The file itself: a model file carries it, and so needs no second file."""
+    revolutions: bool = False
+    """Whether commands are counted in motor revolutions: so where [joints] is in them."""
 
     @cached_property
     def mechanism(self) -> Mechanism:
@@ -70,6 +72,13 @@ class Robot:
     def joint_range(self) -> tuple[float, float]:
         """Smallest and largest actuator value [rad or m]."""
         return self.joint_min, self.joint_max
+
+    @property
+    def command_unit(self) -> str:
+        """Unit of the commands in files: 'deg', 'rev' or 'mm'."""
+        if self.mechanism.actuator_dimension == "length":
+            return "mm"
+        return "rev" if self.revolutions else "deg"
 
 
 def load(path: str | Path) -> Robot:
@@ -130,7 +139,7 @@ def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
     drive = _drive(table["drive"]) if "drive" in table else {}
     robot = Robot(
         table["name"], table["kind"], dimensions, joints["min"], joints["max"], mass, Workspace(**workspace),
-        gravity, drive, text,
+        gravity, drive, text, all(key.endswith("_rev") for key in table["joints"]),
     )
     _ = robot.mechanism  # a robot that cannot be built is a bad file, and is said so here
     return robot

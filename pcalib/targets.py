@@ -101,7 +101,7 @@ def save_commands(path: str | Path, robot: Robot, targets: Targets, q: np.ndarra
         status: N words, 'ok' or why there is no command.
     """
     mechanism = robot.mechanism
-    unit = units.UNITS["deg" if mechanism.actuator_dimension == "angle" else "mm"]
+    unit = units.UNITS[robot.command_unit]
     good = np.array([word == OK for word in status])
     out: dict[str, Sequence[str] | np.ndarray] = {
         f"{name}_{unit.suffix}": np.where(good, values / unit.factor, np.nan)

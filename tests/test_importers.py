@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from pcalib import crossvalidation, firmware, identification, importers, kinematics, measurement, rotation, trust
 from pcalib import robot as robots
@@ -95,6 +97,27 @@ def test_bad_input_is_named(tmp_path, form, text, settings, says):
     (tmp_path / "in.csv").write_text(text)
     with pytest.raises(InputError, match=says):
         importers.run(form, tmp_path / "in.csv", settings)
+
+
+CELLS = st.one_of(
+    st.floats(-1e5, 1e5).map("{:.6g}".format), st.sampled_from(["", "nan", "1e400", "x", "1,2", '"', "#", "é", "\x00"])
+)
+ROWS = st.lists(st.lists(CELLS, min_size=1, max_size=14).map(",".join), max_size=12).map("\n".join)
+HEADER = ",".join(
+    [f"leg_length_{n}" for n in range(1, 7)] + [f"position_{c}" for c in "xyz"] + [f"orientation_{c}" for c in "xyzw"]
+)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(form=st.sampled_from(importers.names()), head=st.sampled_from(["", HEADER + "\n"]), rows=ROWS)
+def test_whatever_a_file_holds_is_read_or_refused_in_words(tmp_path, form, head, rows):
+    (tmp_path / "f.csv").write_text(head + rows, encoding="utf-8")
+    try:
+        found = importers.run(form, tmp_path / "f.csv")
+    except InputError as error:
+        assert str(error)
+    else:
+        assert np.isfinite(found.data.q).all()
 
 
 def test_the_command_writes_both_files_or_says_what_is_missing(tmp_path, capsys):
@@ -246,3 +269,27 @@ def test_bed_contacts_are_compared_and_shown_like_any_data(tmp_path):
     assert np.abs(shown.targets[:, :2] - 1e-3 * points).max() < 1e-3
     assert not shown.errors[..., :2].any() and (shown.status == "ok").all()
     assert 3e-6 < ladder.rms[-1, 0] <= ladder.rms[0, 0]
+
+
+def test_commands_of_a_platform_go_out_in_revolutions(tmp_path):
+    text = (Path(__file__).parents[1] / "models" / "hexapod.toml").read_text()
+    text = text.replace("[joints] ", "leg_travel_mm_rev = [70.0, 70.0, 70.0, 70.0, 70.0, 70.0]\n[joints] ")
+    text = text.replace("min_mm = -120.0", "min_rev = -2").replace("max_mm = 120.0", "max_rev = 2")
+    (tmp_path / "r.toml").write_text(text)
+    robot = robots.load(tmp_path / "r.toml")
+    plan, targets, commands = (tmp_path / name for name in ("plan.csv", "t.csv", "c.csv"))
+    assert main(["plan", "--robot", str(tmp_path / "r.toml"), "-n", "10", "-o", str(plan)]) == 0
+    assert "q1_rev,q2_rev" in plan.read_text()
+    from pcalib import modelfile
+    from pcalib.model import Model
+    from pcalib.targets import load_commands
+
+    modelfile.save(tmp_path / "m.toml", Model.nominal(robot), {})
+    targets.write_text("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n10,20,460,3,-2,5\n0,0,450,0,0,0\n")
+    assert main(["compensate", str(targets), "--model", str(tmp_path / "m.toml"), "-o", str(commands)]) == 0
+    assert "q6_rev" in commands.read_text()
+    q, status = load_commands(commands, robot)
+    pose = kinematics.forward(robot.mechanism, robot.mechanism.nominal, q).pose
+    assert list(status) == ["ok", "ok"]
+    assert pose.x * 1e3 == pytest.approx(np.array([[10, 20, 460.0], [0, 0, 450]]), abs=1e-9)
+    assert np.degrees(rotation.log(pose.R)) == pytest.approx(np.array([[3, -2, 5.0], [0, 0, 0]]), abs=1e-9)

@@ -71,7 +71,7 @@ def command(
             sigma_rot=np.radians(0.005) if sigma_rot is None else float(sigma_rot[0]),
         )  # fmt: skip
     point = kinematics.forward(mechanism, mechanism.nominal, q).pose.tcp(t)
-    suffix, factor = ("deg", np.pi / 180) if mechanism.actuator_dimension == "angle" else ("mm", 1e-3)
+    suffix, factor = described.command_unit, units.UNITS[described.command_unit].factor
     columns = {f"{name}_{suffix}": q[:, i] / factor for i, name in enumerate(mechanism.actuators)}
     columns |= {f"tool_{axis}_mm": t[:, i] * 1e3 for i, axis in enumerate("xyz") if tools is not None}
     columns |= {f"nominal_{axis}_mm": point[:, i] * 1e3 for i, axis in enumerate("xyz")}
