@@ -42,6 +42,9 @@ from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnusedCliTok
 
 from pcalib.errors import PcalibError, unknown
 
+# Matrices here are small: a second BLAS thread costs more than it brings. Read when NumPy is first imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 OK, NOT_HELD, BAD_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 """Exit codes: fine; a check that was asked for did not hold; bad input or usage; Ctrl-C; the reader went away."""
 
