@@ -83,10 +83,14 @@ def command(
     doubts = trust.doubts(found, measured) if found.status == "converged" else []
     content["doubts"] = trust.json(doubts)
     write_json(json, content)
+    if output is not None and found.status == "converged":  # before anything is printed: a closed pipe loses no model
+        figures = summary.statistics(found)
+        entry = modelfile.snapshot(found.model, "fit", data=data.name, **figures)
+        modelfile.save(output, replace(found.model, history=(entry,)), figures)
     show(found)
     for doubt in doubts:
         say(f"- {doubt.sentence()}")
-    usable = found.model  # refuses with the reason
+    found.model  # noqa: B018 — refuses with the reason
     if folds:
         with progress("cross-validating", folds) as advance:
             held = crossvalidation.cross_validate(measured, start, level, folds, tick=advance, **options)
@@ -95,9 +99,6 @@ def command(
         rods = f"; apparent rod-length errors {held.rms_rod * 1e6:.1f} µm" if held.rms_rod == held.rms_rod else ""
         say(f"Cross-validated in {folds} folds: {held.rms_pos * 1e6:.1f} µm RMS at poses not fitted{rods}.")
     if output is not None:
-        figures = summary.statistics(found)
-        entry = modelfile.snapshot(usable, "fit", data=data.name, **figures)
-        modelfile.save(output, replace(usable, history=(entry,)), figures)
         say(f"Model written to {output}.")
     return None
 
