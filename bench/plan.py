@@ -4,7 +4,8 @@
     border   uniform on the surface of the workspace, drawn in to where the robot can reach
     plain    as random, and nothing else is varied: no payload, directions, replicates, temperature or time
     rich     as random, with payloads, last directions of motion, replicates, time, and temperatures that come and go
-    FILE     the commands of a CSV or Parquet file, with whatever conditions stand in it
+    FILE     the commands of a CSV or Parquet file, with whatever conditions stand in it; rows to check are random
+             poses after them, each under the conditions of one of the file's rows
 
 Workspace and joint range are those of the plate of the *nominal* robot, solved by the bench itself.
 """
@@ -72,7 +73,7 @@ def make(
     """A plan by name, or the one in a file.
 
     Args:
-        n: rows to fit; check: further rows, held out. A file brings its own rows.
+        n: rows to fit; a file brings its own. check: further rows, held out.
         tools: (3,) each [m, plate frame], dealt out evenly and at random; payloads: [kg], likewise.
         seed: the same seed gives the same plan.
         solver: how commands for poses are found; the bench's own when absent.
@@ -85,7 +86,10 @@ def make(
         path = Path(name)
         if not path.suffix and not path.exists():
             raise InputError(unknown("plan", str(name), [*NAMES, "a CSV or Parquet file"]))
-        return _of_file(robot, path, tools, payloads)
+        if check < 0:
+            raise InputError(f"a plan with {check} rows to check makes no sense", remedy="leave --check out for none")
+        plan = _of_file(robot, path, tools, payloads)
+        return _with_checks(robot, plan, check, seed, solver) if check else plan
     if n < 1 or check < 0:
         raise InputError(f"a plan of {n} rows and {check} to check makes no sense", remedy="ask for one row at least")
     total = n + check
@@ -206,6 +210,25 @@ def _weather(n: int, generator: np.random.Generator) -> dict[str, np.ndarray]:
         f"temp_{part}": REFERENCE_TEMPERATURE + 2.0 + SWING * np.sin(cycles * way + generator.uniform(0, 2 * np.pi))
         for part, cycles in zip(TEMPERATURES, (3, 4, 5), strict=True)
     }
+
+
+def _with_checks(robot: Robot, plan: Plan, check: int, seed: int, solver: Solver | None) -> Plan:
+    """A plan and `check` held-out rows after it: random poses, each with all conditions of some row of the plan."""
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, len(NAMES))))
+    q = _poses(robot, check, generator, solver or partial(reach, Machine(robot)), border=False)
+    like = plan.commands.take(_dealt(np.arange(len(plan)), check, generator))
+    columns = dict(like.columns)
+    if "time" in columns:
+        columns["time"] = np.nanmax(plan.commands.columns["time"]) + PACE * np.arange(1, check + 1)
+    before = plan.commands
+    commands = Commands(
+        np.concatenate([before.q, q]),
+        np.concatenate([before.tool, like.tool]),
+        np.concatenate([before.payload, like.payload]),
+        {name: np.concatenate([before.columns[name], values]) for name, values in columns.items()},
+    )
+    held = np.concatenate([plan.check, np.ones(check, bool)])
+    return Plan(commands, np.concatenate([plan.pose_id, np.full(check, -1)]), held, plan.name)
 
 
 def _of_file(robot: Robot, path: Path, tools: Sequence[np.ndarray], payloads: Sequence[float]) -> Plan:

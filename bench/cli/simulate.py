@@ -3,7 +3,7 @@
     pcbench simulate truth.toml --plan random -n 40 -o data.csv
     pcbench simulate truth.toml --plan border -n 40 --check 20 --tool 0,0,0mm --tool 0,0,-300mm -o data.csv
     pcbench simulate truth.toml --plan rich -n 120 --payload 0kg --payload 2kg --seed 7 -o data.csv
-    pcbench simulate truth.toml --plan next.csv -o more.csv
+    pcbench simulate truth.toml --plan next.csv --check 20 -o more.csv
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def command(
         output: Measurement file to write, CSV or Parquet.
         plan: random, border, plain, rich, or a file of commands such as `pcalib next` writes.
         n: Rows to fit; a file brings its own.
-        check: Further rows, marked as held out.
+        check: Further rows, marked as held out: of the same plan, or random ones after those of a file.
         tool: Measured point in the plate frame, e.g. 0,0,-300mm; may be given several times.
         payload: Mass at the tool, e.g. 1kg; may be given several times.
         seed: Of plan and noise: the same seed gives the same bytes.

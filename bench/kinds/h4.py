@@ -49,7 +49,7 @@ def _spec(robot: Robot) -> mujoco.MjSpec:
         azimuth = size["axis_azimuth"][int(arm) - 1]
         elbow, origin = assembly.arm(spec, robot, arm, _base(robot, arm), azimuth)
         ends = [np.array([x, size["arm_length"], 0.0]) - origin for x in (-half, half)]
-        assembly.bar(elbow, *ends, 0.02 * size["arm_length"], assembly.BALL)
+        assembly.bar(elbow, ends[0], ends[1], 0.02 * size["arm_length"], assembly.BALL)
         for j, x, end in (("1", -half, ends[0]), ("2", half, ends[1])):
             hinge = 0.5 * size["hinge_distance"] * _outward(arm)
             b = _middle_of_pair(robot, arm) + _turn(robot, arm) @ [x, 0, 0]

@@ -104,6 +104,28 @@ def test_a_file_brings_its_commands_and_conditions(tmp_path):
     assert c.columns["my_column"].tolist() == [3, 4]
 
 
+def test_rows_to_check_follow_those_of_a_file(tmp_path):
+    file = tmp_path / "plan.csv"
+    file.write_text(
+        "q1_deg,q2_deg,q3_deg,payload_g,temp_degC,tool_x_mm,tool_y_mm,tool_z_mm,dir1,time_s,pose_id,set\n"
+        "10,-20,5,500,21,0,0,-100,1,0,a,fit\n-5,-20,5,0,25,0,0,-300,-1,50,b,check\n"
+    )
+    plan, bare = plans.make(ROBOT, file, check=30, seed=3), plans.make(ROBOT, file)
+    c, own = plan.commands, bare.commands
+    assert plan.check.tolist() == [False, True, *[True] * 30] and (plan.pose_id[2:] == -1).all()
+    assert np.array_equal(c.q[:2], own.q) and SPACE.contains(plate_of(plan)[2:]).all()
+    assert len(np.unique(c.q[2:], axis=0)) == 30
+    for row in range(2, 32):  # all conditions of one row, or all of the other
+        like = 0 if c.payload[row] else 1
+        assert (c.tool[row] == own.tool[like]).all()
+        assert all(c.columns[name][row] == own.columns[name][like] for name in ("temp_arms", "dir1"))
+    assert (c.payload[2:] > 0).sum() == 15 and c.columns["time"][2:].tolist() == [50 + 20 * i for i in range(1, 31)]
+    assert np.array_equal(c.q, plans.make(ROBOT, file, check=30, seed=3).commands.q)
+    assert not np.array_equal(c.q[2:], plans.make(ROBOT, file, check=30, seed=4).commands.q[2:])
+    with pytest.raises(InputError, match="-1 rows to check"):
+        plans.make(ROBOT, file, check=-1)
+
+
 def test_bad_plans():
     with pytest.raises(InputError, match="did you mean 'random'"):
         plans.make(ROBOT, "randon")
