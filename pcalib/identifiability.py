@@ -17,6 +17,11 @@ import scipy.linalg
 THRESHOLD = 1e-2
 """prior σ / posterior σ above which a direction counts as identified."""
 
+_TRACE = 1e-3
+"""Shares, in prior-scaled units, below which a parameter is no part of a combination."""
+_TERMS = 12
+"""Terms of a combination that are spelled out."""
+
 PRIOR = {"m": 1e-4, "rad": np.radians(0.05), "1": 1e-3}
 """Nominal manufacturing tolerances, 1σ, by unit: 0.1 mm, 0.05°, 0.1 %."""
 
@@ -38,7 +43,7 @@ class Identifiability:
     base: tuple[str, ...]
     """The identifiable base δk_b: parameters that pivoted QR keeps (paper after eq. 24)."""
     dependent: dict[str, dict[str, float]]
-    """Each parameter outside the base and the base parameters it cannot be told from, with factors."""
+    """Each parameter outside the base, and the base parameters whose change by these factors per unit does the same."""
 
     @property
     def n_identified(self) -> int:
@@ -57,8 +62,9 @@ class Identifiability:
             if not mix:
                 out.append(f"{name} leaves no trace in these data")
                 continue
-            terms = " ".join(f"{value:+.2f}·{other}" for other, value in mix.items())
-            out.append(f"{name} cannot be told from {terms}")
+            terms = [f"{value:+.3g}·{other}" for other, value in mix.items()]
+            rest = f" and {len(terms) - _TERMS} lesser terms" if len(terms) > _TERMS else ""
+            out.append(f"{name} cannot be told from {' '.join(terms[:_TERMS])}{rest}")
         return out
 
 
@@ -95,8 +101,8 @@ def analyse(
     dependent: dict[str, dict[str, float]] = {}
     for column, share in zip(others, mix.T, strict=True):  # in prior-scaled units
         order: list[int] = np.argsort(-np.abs(share)).tolist()
-        heavy = [i for i in order if abs(share[i]) > 0.05][:6]
-        dependent[names[column]] = {names[base[i]]: float(share[i] / prior[base[i]] * prior[column]) for i in heavy}
+        heavy = [i for i in order if abs(share[i]) > _TRACE]
+        dependent[names[column]] = {names[base[i]]: float(share[i] * prior[base[i]] / prior[column]) for i in heavy}
     factor = np.empty_like(R)
     factor[:, pivot] = R
     return Identifiability(tuple(names), ratio, factor, tuple(names[i] for i in base), dependent)
