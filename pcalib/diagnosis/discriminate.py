@@ -79,6 +79,8 @@ class Plan:
         )
         if self.more_of_the_same < min(ENOUGH, 0.7 * self.after[-1]):
             text += ": more of the same will not tell"
+        if self.before >= ENOUGH:
+            return text + f". {ENOUGH:.0f} are needed, so these data should tell them apart already."
         if self.enough is None:
             return text + f". {ENOUGH:.0f} are needed: plan more rows, a larger payload or a longer tool."
         return text + f". {ENOUGH:.0f} are needed: the first {self.enough} should do."
@@ -160,9 +162,8 @@ class _Instrument:
     def of(cls, made: Problem) -> _Instrument:
         data = made.data
         ratio = np.repeat(made.noise.ratio, 3)
-        usual = np.mean(data.mask, axis=0) > 0.5
-        if not usual.any():
-            usual = data.mask.any(axis=0)
+        share = np.mean(data.mask, axis=0)
+        usual = share > min(0.5, 0.9 * share.max())
         typical = [float(np.median(data.sigma[data.mask[:, c], c])) if usual[c] else np.inf for c in range(6)]
         return cls(np.array(typical) * ratio)
 

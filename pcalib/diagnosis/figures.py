@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,7 @@ def heatmap(cells: tuple[Cell, ...]) -> str:
                 )
         axes.set_xlim(-0.5, len(channels) - 0.5)
         axes.set_ylim(len(variables) - 0.5, -0.5)
-        axes.set_xticks(range(len(channels)), [CHANNELS[c] for c in channels], fontsize=9)
+        axes.set_xticks(range(len(channels)), [fill(CHANNELS[c], 20) for c in channels], fontsize=9)
         names = [v.replace("temp_", "temperature of ") for v in variables]
         axes.set_yticks(range(len(variables)), names, fontsize=9)
         axes.xaxis.tick_top()

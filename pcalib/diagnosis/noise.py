@@ -4,12 +4,13 @@ Every verdict hangs on it: with a noise level that is off by a third, 5 % of fal
 
     Σ = a_pos·Σ_pos + a_rot·Σ_rot + σ_q²·G·Gᵀ        G = ∂(reading)/∂q: how joint repeatability shows at the plate
 
-and the three variance components are estimated by MINQUE (Rao 1971): quadratic forms of residuals, projected on
-directions that hold nothing but noise, are set equal to their expected values.
+and the three variance components are estimated from residuals projected on directions that hold nothing but noise:
+by REML from replicates (Patterson & Thompson 1971), by MINQUE from what is left over (Rao 1971).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,19 +126,25 @@ def from_replicates(data: Measurements, blocks: Blocks, drift: np.ndarray) -> No
         return None
     V = np.stack(contrasts, axis=-1)  # (N, 6, ν)
     if drift.shape[-1]:
-        inside = np.einsum("nic,nid->cd", V, drift)
+        inside = V.reshape(-1, V.shape[-1]).T @ drift.reshape(-1, drift.shape[-1])
         size = np.linalg.norm(inside, axis=0)
         inside = inside[:, size > 1e-6 * np.linalg.norm(drift, axis=(0, 1)) + 1e-12]
         if inside.shape[1]:
             U, s, _ = np.linalg.svd(inside)
             V = V @ U[:, int(np.sum(s > 1e-9 * s[0])) :]
     S = blocks.components()
-    SV = [np.einsum("nic,nij,njd->cd", V, S[k], V) for k in range(3)]
-    y = np.einsum("nic,ni->c", V, blocks.y)
-    B = np.array([[np.sum(a * b) for b in SV] for a in SV])
-    b = np.array([y @ a @ y for a in SV])
-    dof = np.array([np.trace(SV[0]), np.trace(SV[1])])
-    return _solve("replicates", data, blocks, B, b, dof, ENOUGH_REPLICATES)
+    flat = V.reshape(-1, V.shape[-1])
+    inner = np.stack([flat.T @ (S[k] @ V).reshape(flat.shape) for k in range(3)])
+    y = flat.T @ blocks.y.ravel()
+    dof = np.array([np.trace(inner[0]), np.trace(inner[1])])
+
+    def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normal equations of REML at given variances: scoring steps are their solutions."""
+        inverse = np.linalg.inv(np.einsum("k,kcd->cd", theta, inner))
+        parts, seen = inverse @ inner, inverse @ y
+        return np.einsum("kcd,mdc->km", parts, parts), np.einsum("c,kcd,d->k", seen, inner, seen)
+
+    return _solve("replicates", data, blocks, normal, dof, ENOUGH_REPLICATES)
 
 
 def from_rest(data: Measurements, blocks: Blocks, Q: np.ndarray) -> NoiseLevel | None:
@@ -147,52 +154,82 @@ def from_rest(data: Measurements, blocks: Blocks, Q: np.ndarray) -> NoiseLevel |
         Q: (N, 6, d) orthonormal basis of nuisance and all groups.
     """
     S = blocks.components()
-    rest = blocks.y - np.einsum("nid,d->ni", Q, np.einsum("nid,ni->d", Q, blocks.y))
-    SQ = [np.einsum("nij,njd->nid", S[k], Q) for k in range(3)]
-    QSQ = [np.tensordot(Q, s, axes=([0, 1], [0, 1])) for s in SQ]
+    flat = Q.reshape(-1, Q.shape[-1])
+    rest = blocks.y - (flat @ (flat.T @ blocks.y.ravel())).reshape(blocks.y.shape)
+    SQ = [S[k] @ Q for k in range(3)]
+    QSQ = [flat.T @ s.reshape(flat.shape) for s in SQ]
     B = np.empty((3, 3))
     for k in range(3):
         for m in range(3):
             B[k, m] = np.sum(S[k] * S[m]) - 2 * np.sum(SQ[k] * SQ[m]) + np.sum(QSQ[k] * QSQ[m])
     b = np.array([np.einsum("ni,nij,nj->", rest, S[k], rest) for k in range(3)])
     dof = np.array([np.sum(np.trace(S[k], axis1=1, axis2=2)) - np.trace(QSQ[k]) for k in range(2)])
-    return _solve("residuals", data, blocks, B, b, dof, ENOUGH_REST)
+
+    return _solve("residuals", data, blocks, lambda theta: (B, b), dof, ENOUGH_REST)
 
 
 def _solve(
-    source: str, data: Measurements, blocks: Blocks, B: np.ndarray, b: np.ndarray, dof: np.ndarray, enough: int
+    source: str,
+    data: Measurements,
+    blocks: Blocks,
+    normal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    dof: np.ndarray,
+    enough: int,
 ) -> NoiseLevel | None:
-    """Variances from their normal equations B·θ = b; joint repeatability only where it is clearly there."""
+    """Variances θ from their normal equations; joint repeatability only where it is clearly there."""
     seen = np.array([blocks.measured[:, :3].any(), blocks.measured[:, 3:].any()])
     if (dof[seen] < enough).any():
         return None
     plain = np.flatnonzero(seen)
-    with_joints = np.r_[plain, 2]
-    theta = np.zeros(3)
-    chosen = plain
-    try:
-        found = np.linalg.solve(B[np.ix_(with_joints, with_joints)], b[with_joints])
-        spread = 2 * np.linalg.inv(B[np.ix_(with_joints, with_joints)])
-        # The spread is stated for noise of size 1; scale it to the noise there is.
-        spread *= max(1.0, float(found[0])) ** 2
-        if found[-1] > _CLEAR * np.sqrt(spread[-1, -1]) and (found[:-1] > 0.05).all():
-            chosen = with_joints
-    except np.linalg.LinAlgError:
-        pass
-    theta[chosen] = np.linalg.solve(B[np.ix_(chosen, chosen)], b[chosen])
-    if not (theta[plain] > 0).all():
+    found = _scored(normal, plain)
+    joint = _scored(normal, np.r_[plain, 2])
+    # Equations that do not depend on θ (MINQUE) state its doubt for noise of size 1.
+    stated_for_one = source == "residuals"
+    size = joint[0][:2].max() + joint[0][2] if joint is not None and stated_for_one else 1.0
+    if joint is not None and joint[0][2] > _CLEAR * size * np.sqrt(2 * joint[1][-1, -1]):
+        found, chosen = joint, np.r_[plain, 2]
+    else:
+        chosen = plain
+    if found is None:
         return None
-    doubt = np.linalg.inv(B[np.ix_(chosen, chosen)])
+    theta, doubt = found
     S = blocks.components()
     free = np.full(2, np.inf)
     for c in plain:
-        # The variance of a class, in noise units, is mean·θ; it is known to 2·mean·B⁻¹·mean, which makes ν:
+        # The variance of a class is mean·θ, known to 2·mean·A⁻¹·mean; as a multiple of χ²(ν)/ν that makes ν:
         part = slice(3 * c, 3 * c + 3)
         n = blocks.measured[:, part].sum()
         mean = np.array([np.trace(S[k][:, part, part], axis1=1, axis2=2).sum() / n for k in chosen])
-        free[c] = 1.0 / float(mean @ doubt @ mean)
-    joint = float(np.sqrt(theta[2])) * blocks.unit
-    return _level(source, data, np.where(seen, np.sqrt(theta[:2]), 1.0), free, joint, blocks)
+        total = 1.0 if stated_for_one else float(mean @ theta[chosen])
+        free[c] = total**2 / float(mean @ doubt @ mean)
+    sigma_q = float(np.sqrt(theta[2])) * blocks.unit
+    return _level(source, data, np.where(seen, np.sqrt(theta[:2]), 1.0), free, sigma_q, blocks)
+
+
+def _scored(
+    normal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], chosen: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """(3,) variances after a few scoring steps, and half their covariance; None where they have no solution."""
+    theta = np.zeros(3)
+    theta[chosen] = 1.0
+    A = np.eye(len(chosen))
+    for _ in range(8):
+        before = theta.copy()
+        try:
+            full, b = normal(theta)
+            A = full[np.ix_(chosen, chosen)]
+            theta[chosen] = np.linalg.solve(A, b[chosen])
+        except np.linalg.LinAlgError:
+            return None
+        if not np.isfinite(theta).all():
+            return None
+        # Where joints make nearly all the noise the instrument's share is small, not negative.
+        theta[chosen] = np.maximum(theta[chosen], 0.02 * theta.max())
+        if not theta.max() > 0:
+            return None
+        if np.abs(theta - before).max() < 1e-3 * theta.max():
+            break
+    return theta, np.linalg.inv(A)
 
 
 def _level(

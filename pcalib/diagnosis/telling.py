@@ -103,10 +103,11 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = []
     if found.verdict == "ambiguous" and len(found.sets) > 1:
         a, b = ("+".join(e.names) for e in found.sets[:2])
-        wants = sorted({w for e in found.sets[:2] for c in e.candidates for w in getattr(c.effect, "wants", ())})
+        effects = [c.effect for e in found.sets[:2] for c in e.candidates]
+        wants = sorted({w for effect in effects for w in getattr(effect, "wants", ())})
         out.append({"do": "next", "between": [a, b], "vary": wants})
     if found.verdict == "established":
-        out += [{"do": "add", "effect": spec} for spec in found.sets[0].specs]
+        out += [{"do": "add", "effect": spec} for e in found.sets[:1] for spec in e.specs]
     if found.verdict == "unexplained":
         out += [
             {"do": "write an effect", "channel": c.channel, "variable": c.variable}
@@ -117,7 +118,9 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         out.append({"do": "replicate", "why": "the noise is not verified: measure ten poses twice"})
     blind = sorted({f.candidate.name for f in found.findings if f.note.startswith("these poses")})
     for name in blind:
-        wants = [w for f in found.findings if f.candidate.name == name for w in getattr(f.candidate.effect, "wants", ())]
+        wants = [
+            w for f in found.findings if f.candidate.name == name for w in getattr(f.candidate.effect, "wants", ())
+        ]
         out.append({"do": "vary", "for": name, "vary": list(dict.fromkeys(wants))})
     return out
 

@@ -40,7 +40,7 @@ def in_words(candidate: Candidate, theta: np.ndarray) -> str:
         return f"geometry of level {candidate.name}"
     describe = getattr(candidate.effect, "describe", None)
     title = getattr(candidate.effect, "title", candidate.name)
-    return f"{title} ({candidate.spec}: {describe(theta)})" if describe else f"{title} ({candidate.spec})"
+    return f"{title} [{candidate.spec}]" + (f": {describe(theta)}" if describe else "")
 
 
 def names_of(sets: Sequence[Explanation]) -> list[tuple[str, ...]]:

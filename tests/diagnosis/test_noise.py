@@ -1,0 +1,123 @@
+"""Noise levels: unbiased from replicates and from what is left over; outliers apart from misfit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pcalib.diagnosis import noise as noises
+from pcalib.diagnosis import outliers
+from pcalib.diagnosis.problem import problem
+
+N, NQ = 60, 3
+
+
+def blocks(rng, pos=1.0, rot=1.0, joint=0.0, twice=False):
+    """Pure noise of N poses in stated units; with `twice` every pose is measured again."""
+    G = rng.standard_normal((N, 6, NQ)) * np.r_[np.full(3, 3e4), np.full(3, 1e2)][:, None]
+    if twice:
+        G[1::2] = G[::2]
+    y = rng.standard_normal((N, 6)) * np.r_[np.full(3, pos), np.full(3, rot)]
+    y += (G @ (joint * rng.standard_normal((N, NQ, 1))))[..., 0]
+    return noises.Blocks(np.ones((N, 6), bool), y, G)
+
+
+@pytest.fixture(scope="module")
+def data(measured):
+    """Sixty rows, thirty commands twice."""
+    rows, _ = measured()
+    rows = rows.take(~rows.check)
+    pick = np.repeat(np.arange(30), 2)
+    twice = rows.take(pick)
+    return replace(twice, pose_id=pick, columns={})
+
+
+class TestVarianceComponents:
+    def test_from_replicates(self, data):
+        got = [
+            noises.from_replicates(data, blocks(np.random.default_rng(s), 1.5, 0.7, 0, True), np.zeros((N, 6, 0)))
+            for s in range(60)
+        ]
+        ratio = np.array([g.ratio for g in got if not g.sigma_q])
+        assert len(ratio) > 50
+        np.testing.assert_allclose(np.sqrt(np.mean(ratio**2, axis=0)), [1.5, 0.7], rtol=0.03)
+        assert {tuple(np.round(g.dof)) for g in got if not g.sigma_q} == {(90.0, 90.0)}
+
+    def test_joint_repeatability_is_told_from_the_instrument(self, data):
+        joint = 9e-5  # 2.7 noise units at the plate
+        got = [
+            noises.from_replicates(data, blocks(np.random.default_rng(s), 1, 1, joint, True), np.zeros((N, 6, 0)))
+            for s in range(40)
+        ]
+        seen = [g for g in got if g.sigma_q]
+        assert len(seen) > 30
+        np.testing.assert_allclose(np.mean([g.sigma_q for g in seen]), joint, rtol=0.1)
+
+    def test_from_what_is_left(self, data):
+        rng = np.random.default_rng(0)
+        Q = np.linalg.qr(rng.standard_normal((6 * N, 120)))[0].reshape(N, 6, 120)
+        got = []
+        for s in range(150):
+            made = blocks(np.random.default_rng(s), 1.3, 1.3)
+            hidden = np.einsum("nid,d->ni", Q, 50 * np.random.default_rng(s).standard_normal(120))
+            got.append(noises.from_rest(data, replace(made, y=made.y + hidden), Q))
+        plain = np.array([g.ratio for g in got if not g.sigma_q])
+        np.testing.assert_allclose(np.mean(plain**2, axis=0), 1.69, rtol=0.03)
+        # the stated degrees of freedom are those of the scatter: var(σ̂²)/σ⁴ = 2/ν
+        np.testing.assert_allclose(np.var(plain**2, axis=0) / 1.69**2, 2 / got[0].dof, rtol=0.4)
+
+    def test_drift_between_replicates_is_no_noise(self, data):
+        rng = np.random.default_rng(1)
+        made = blocks(rng, twice=True)
+        drift = np.einsum("n,ij->nij", np.linspace(0, 40, N), np.eye(6))
+        shifted = replace(made, y=made.y + drift @ np.ones(6))
+        naive = noises.from_replicates(data, shifted, np.zeros((N, 6, 0)))
+        aware = noises.from_replicates(data, shifted, drift)
+        assert naive.ratio[0] > 1.05 * aware.ratio[0]
+        np.testing.assert_allclose(aware.ratio, 1.0, rtol=0.2)
+        assert aware.dof[0] == pytest.approx(87, abs=1)
+
+    def test_whitening(self):
+        rng = np.random.default_rng(0)
+        made = blocks(rng)
+        level = noises.NoiseLevel("replicates", np.array([1.5, 0.5]), np.full(2, 90.0), 4e-5, 1.0, 1.0, True)
+        T = noises.whitener(level, made)
+        sigma = np.diag([1.5**2] * 3 + [0.5**2] * 3) + (4e-5) ** 2 * made.joint[7] @ made.joint[7].T
+        np.testing.assert_allclose(T[7] @ sigma @ T[7].T, np.eye(6), atol=1e-10)
+
+    def test_too_few_replicates_are_none(self, data):
+        few = data.take(slice(0, 4))
+        small = noises.Blocks(np.ones((4, 6), bool), np.ones((4, 6)), np.zeros((4, 6, 3)))
+        assert noises.from_replicates(few, small, np.zeros((4, 6, 0))) is None
+
+
+class TestOutliers:
+    def test_gross_rows_are_found_and_good_ones_kept(self):
+        rng = np.random.default_rng(3)
+        Q = np.linalg.qr(rng.standard_normal((600, 200)))[0]
+        row = np.repeat(np.arange(100), 6)
+        y = 2.5 * rng.standard_normal(600) + Q @ rng.standard_normal(200) * 100
+        assert len(outliers.find(y, Q, row, 100).rows) == 0
+        y[row == 17] += 60
+        y[row == 80] -= 40
+        found = outliers.find(y, Q, row, 100)
+        assert sorted(found.rows) == [17, 80] and not found.too_many
+
+    def test_many_are_no_outliers(self):
+        rng = np.random.default_rng(3)
+        Q = np.linalg.qr(rng.standard_normal((600, 50)))[0]
+        row = np.repeat(np.arange(100), 6)
+        y = rng.standard_normal(600)
+        y[row < 12] += 80
+        assert outliers.find(y, Q, row, 100).too_many
+
+    def test_they_are_set_aside_and_named_by_line(self, measured):
+        data, model = measured()
+        position = data.position.copy()
+        position[[11, 40]] += 1e-3
+        made = problem(model, replace(data, position=position))
+        assert sorted(made.set_aside) == [11, 40]
+        assert len(made.data) == (~data.check).sum() - 2
+        assert made.noise.ratio[0] < 1.2
