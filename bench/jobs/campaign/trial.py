@@ -235,7 +235,7 @@ def _rows(
 
 def _failed(head: Mapping[str, Any], cell: Cell, method: Method, error: Exception) -> list[dict[str, Any]]:
     """One row per tool that says why there are no figures."""
-    reason = str(error).splitlines()[0] if str(error) else ""
+    reason = (getattr(error, "problem", str(error)).splitlines() or [""])[0]
     if not isinstance(error, PcalibError):
         reason = f"{type(error).__name__}: {reason}"
     nothing = {"status": "failed", "reason": reason, "targets": cell.verify.targets, "reached": 0}

@@ -6,7 +6,10 @@ All three give the same results. A worker that dies takes nothing with it but th
 from __future__ import annotations
 
 import concurrent.futures as futures
+import os
 import signal
+import threading
+import time
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -18,6 +21,8 @@ from pcalib.errors import InputError
 DEATHS = 3
 """How often workers may die without a part being finished in between, before robots are tried one by one."""
 DIED = "its process died, twice: a crash, or too little memory"
+WATCH = 0.5
+"""[s] between looks whether the campaign is still there."""
 CONNECT = 10.0
 """[s] to reach a scheduler."""
 
@@ -92,7 +97,7 @@ def _pool(workers: int, scheduler: str | None) -> Iterator[tuple[futures.Executo
         return
     from joblib.externals.loky import ProcessPoolExecutor
 
-    pool = ProcessPoolExecutor(max_workers=workers, initializer=_ignore_interrupts)
+    pool = ProcessPoolExecutor(max_workers=workers, initializer=_settle_in, initargs=(os.getpid(),))
     try:
         yield pool, 2 * workers
     except BaseException:  # Ctrl-C above all: do not wait for parts that nobody will keep
@@ -117,7 +122,11 @@ def _cluster(scheduler: str) -> Iterator[tuple[futures.Executor, int]]:
             f"no dask scheduler at {scheduler}: {error}", remedy="write tcp://HOST:PORT, as 'dask scheduler' prints it"
         ) from None
     with client:
-        client.wait_for_workers(1)
+        try:
+            client.wait_for_workers(1, timeout=CONNECT)
+        except TimeoutError:
+            problem = f"the scheduler at {scheduler} has no workers"
+            raise InputError(problem, remedy="start some with 'dask worker'") from None
         theirs: Any = client.run(store.versions)
         ours = store.versions()
         for address, found in theirs.items():
@@ -161,8 +170,16 @@ def _death(error: BaseException) -> bool:
     return isinstance(error, futures.BrokenExecutor) or type(error).__name__ in ("KilledWorker", "CommClosedError")
 
 
-def _ignore_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the campaign, which ends its workers
+def _settle_in(parent: int) -> None:
+    """What a process does first: leave Ctrl-C to the campaign, which ends its workers, and never outlive it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(WATCH)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def describe(workers: int, scheduler: str | None) -> str:
