@@ -16,10 +16,14 @@ import numpy as np
 import tomli_w
 
 from pcalib import files, robot, rotation, units
-from pcalib.errors import EffectError, InputError
+from pcalib.errors import EffectError, InputError, unknown
+from pcalib.mechanism import Mechanism
 from pcalib.model import FittedEffect, Frame, Model
 
 SCHEMA = "pcalib.model/1"
+_AGAIN = "the file is damaged or was edited: write it anew with 'pcalib fit … -o'"
+_LARGEST = 1e150
+"""Numbers beyond this are no numbers of a robot, and overflow when they are squared."""
 _EDGE = {"m": ("mm", 1e-3), "rad": ("deg", np.pi / 180), "1": ("", 1.0)}
 
 
@@ -56,6 +60,8 @@ def dumps(model: Model, statistics: Mapping[str, Any] | None = None) -> str:
                 entry[label] = float(values[i] / factor)
         table["parameters"][name] = entry
     table["history"] = [_plain(h) for h in model.history]
+    if not model.robot.text:
+        raise InputError(f"robot '{model.robot.name}' came from no file", remedy="read it with pcalib.robot.load")
     table["robot"] = tomllib.loads(model.robot.text)
     return tomli_w.dumps(table)
 
@@ -78,7 +84,7 @@ def loads(text: str, source: str | Path = "model", effect_files: Iterable[str] =
     """A model from the text of its file."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"not valid TOML: {error}", file=source, remedy="write one with 'pcalib fit … -o'") from None
     if table.get("schema") != SCHEMA:
         said = f"schema '{table['schema']}'" if "schema" in table else "no schema"
@@ -88,36 +94,31 @@ def loads(text: str, source: str | Path = "model", effect_files: Iterable[str] =
     try:
         return _from_table(table, list(effect_files))
     except InputError as error:
-        raise InputError(error.problem, file=source, remedy=error.remedy) from None
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(
-            f"damaged model file: {type(error).__name__} {error}", file=source, remedy="fit again with 'pcalib fit'"
-        ) from None
+        raise InputError(error.problem, file=source, remedy=error.remedy or _AGAIN) from None
 
 
 def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
-    described = robot.from_table(table["robot"], tomli_w.dumps(table["robot"]))
+    plain = _table(table, "robot")
+    described = robot.from_table(plain, tomli_w.dumps(plain))
     mechanism = described.mechanism
-    given = table["parameters"]
+    given = _table(table, "parameters")
     for name in given:
         if name not in mechanism.parameters:
             raise InputError(f"parameter '{name}' is not one of robot kind {described.kind}")
-    k, sigma = mechanism.nominal.copy(), np.full(len(mechanism.nominal), np.nan)
+    k, sigma = np.empty(len(mechanism.parameters)), np.full(len(mechanism.parameters), np.nan)
     for i, (name, unit) in enumerate(zip(mechanism.parameters, mechanism.units, strict=True)):
-        entry = given.get(name, {})
-        for key, target in (("value", k), ("sigma", sigma)):
-            label, factor = edge(key, unit)
-            if label in entry:
-                target[i] = float(entry[label]) * factor
-    if not np.isfinite(k).all():
-        raise InputError("a parameter value is not a finite number")
-    level = table["level"]
-    if level not in mechanism.levels:
-        raise InputError(f"level '{level}' is not one of {', '.join(mechanism.levels)}")
-    effects = tuple(_effect_from(entry, described, effect_files) for entry in table.get("effects", []))
-    frame = _frame_from(table["frame"]) if "frame" in table else None
+        entry = _table(given, name, "parameter ")
+        (value, factor), (spread, _), (drawn, _) = (edge(key, unit) for key in ("value", "sigma", "nominal"))
+        for key in entry:
+            if key not in (value, spread, drawn):
+                raise InputError(f"parameter {name}: {unknown('key', key, (drawn, value, spread))}")
+        k[i] = _number(entry, value, f"parameter {name}") * factor
+        if spread in entry:
+            sigma[i] = _sigma(entry, spread, f"parameter {name}") * factor
+    effects = tuple(_effect_from(entry, described, effect_files) for entry in _tables(table, "effects"))
+    frame = _frame_from(_table(table, "frame")) if "frame" in table else None
     known = sigma if np.isfinite(sigma).any() else None
-    return Model(described, k, level, effects, frame, known, tuple(table.get("history", [])))
+    return Model(described, k, _level(table, mechanism), effects, frame, known, tuple(_tables(table, "history")))
 
 
 def snapshot(model: Model, action: str, **figures: Any) -> dict[str, Any]:
@@ -134,16 +135,16 @@ def restore(model: Model, entry: Mapping[str, Any], effect_files: Sequence[str] 
     """The model as it was after a history entry; the history itself stays."""
     return replace(
         model,
-        k=np.array(entry["k_si"], float),
-        level=entry["level"],
-        effects=tuple(_effect_from(e, model.robot, list(effect_files)) for e in entry["effects"]),
-        frame=_frame_from(entry["frame"]) if "frame" in entry else None,
+        k=_vector(entry, "k_si", len(model.k), "history entry"),
+        level=_level(entry, model.robot.mechanism),
+        effects=tuple(_effect_from(e, model.robot, list(effect_files)) for e in _tables(entry, "effects")),
+        frame=_frame_from(_table(entry, "frame")) if "frame" in entry else None,
         sigma=None,
     )
 
 
 def _effect_table(fitted: FittedEffect) -> dict[str, Any]:
-    out: dict[str, Any] = {"spec": fitted.spec or fitted.effect.name}
+    out: dict[str, Any] = {"spec": fitted.spec or getattr(fitted.effect, "spec", fitted.effect.name)}
     for i, p in enumerate(fitted.effect.parameters):
         factor = units.UNITS[p.unit].factor if p.unit in units.UNITS else 1.0
         out[f"{p.name}_{p.unit}"] = float(fitted.theta[i] / factor)
@@ -155,9 +156,11 @@ def _effect_table(fitted: FittedEffect) -> dict[str, Any]:
 def _effect_from(entry: Mapping[str, Any], described: robot.Robot, effect_files: list[str]) -> FittedEffect:
     from pcalib import effects
 
-    spec = entry["spec"]
+    spec = entry.get("spec")
+    if not isinstance(spec, str):
+        raise InputError(f"an effect has no spec, or one that is no text: {spec!r:.40}")
     if ".py" in spec:
-        named = [f for f in effect_files if Path(f.rpartition(":")[0]).name == Path(spec.rpartition(":")[0]).name]
+        named = [f for f in effect_files if _own(f) == _own(spec)]
         if not named:
             raise EffectError(
                 f"the model uses an effect of your own, {spec}; code is loaded only when you name it:\n"
@@ -169,9 +172,17 @@ def _effect_from(entry: Mapping[str, Any], described: robot.Robot, effect_files:
     theta, sigma = [], []
     for p in effect.parameters:
         factor = units.UNITS[p.unit].factor if p.unit in units.UNITS else 1.0
-        theta.append(float(entry[f"{p.name}_{p.unit}"]) * factor)
-        sigma.append(float(entry.get(f"{p.name}_sigma_{p.unit}", np.nan)) * factor)
-    return FittedEffect(effect, np.array(theta), spec, np.array(sigma))
+        value, spread = f"{p.name}_{p.unit}", f"{p.name}_sigma_{p.unit}"
+        theta.append(_number(entry, value, f"effect {spec}") * factor)
+        sigma.append(_sigma(entry, spread, f"effect {spec}") * factor if spread in entry else np.nan)
+    known = np.array(sigma) if np.isfinite(sigma).any() else None
+    return FittedEffect(effect, np.array(theta), spec, known)
+
+
+def _own(spec: str) -> tuple[str, str]:
+    """File name and class of an effect of the user's own; the folder may change."""
+    file, _, name = spec.rpartition(":")
+    return Path(file).name, name
 
 
 def _frame_table(frame: Frame) -> dict[str, Any]:
@@ -183,11 +194,57 @@ def _frame_table(frame: Frame) -> dict[str, Any]:
 
 
 def _frame_from(table: Mapping[str, Any]) -> Frame:
-    return Frame(
-        rotation.exp(np.radians(np.array(table["rotation_deg"], float))),
-        np.array(table["translation_mm"], float) * 1e-3,
-        np.array(table["target_offset_mm"], float) * 1e-3,
+    turn, shift, offset = (
+        _vector(table, key, 3, "frame") for key in ("rotation_deg", "translation_mm", "target_offset_mm")
     )
+    return Frame(rotation.exp(np.radians(turn)), shift * 1e-3, offset * 1e-3)
+
+
+def _level(table: Mapping[str, Any], mechanism: Mechanism) -> str:
+    level = table.get("level")
+    if not isinstance(level, str) or level not in mechanism.levels:
+        raise InputError(f"level {level!r:.40} is not one of {', '.join(mechanism.levels)}")
+    return level
+
+
+def _table(table: Mapping[str, Any], key: str, where: str = "") -> Mapping[str, Any]:
+    found = table.get(key)
+    if not isinstance(found, Mapping):
+        raise InputError(f"{where}{key} is missing, or is no table")
+    return found
+
+
+def _tables(table: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    """A list of tables, empty where the key is absent."""
+    found = table.get(key, [])
+    if not isinstance(found, list) or not all(isinstance(entry, Mapping) for entry in found):
+        raise InputError(f"{key} is no list of tables")
+    return found
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < _LARGEST
+
+
+def _number(table: Mapping[str, Any], key: str, where: str) -> float:
+    if not _finite(table.get(key)):
+        said = f"must be a finite number, not {table[key]!r:.40}" if key in table else "is missing"
+        raise InputError(f"{where}: {key} {said}")
+    return float(table[key])
+
+
+def _sigma(table: Mapping[str, Any], key: str, where: str) -> float:
+    value = _number(table, key, where)
+    if value < 0:
+        raise InputError(f"{where}: {key} is negative")
+    return value
+
+
+def _vector(table: Mapping[str, Any], key: str, n: int, where: str) -> np.ndarray:
+    values = table.get(key)
+    if not isinstance(values, list) or len(values) != n or not all(map(_finite, values)):
+        raise InputError(f"{where}: {key} must be {n} finite numbers")
+    return np.array(values, float)
 
 
 def _plain(value: Any) -> Any:
