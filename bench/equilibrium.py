@@ -6,12 +6,13 @@ At rest every free joint balances and every loop is closed,
 
 with F, c and J from MuJoCo and λ the forces of the constraints. One step solves
 
-    [K  −Jᵀ] [dq]   [F]
-    [J    0] [ λ] = [−c]
+    [K  −Jᵀ] [dq]   [F + Jᵀλ]
+    [J    0] [dλ] = [−c     ]
 
-K need not be exact: the springs of the joints stand for it, which leaves out what pre-stressed geometry adds. That is
-smaller by load/(length × stiffness), 1e-5 of stiff machine parts, so each step gains four or five digits. Where springs
-are soft and steps gain too little, K is taken by central differences of F + Jᵀλ.
+The matrix need not be exact. The springs of the joints stand for K, which leaves out what pre-stressed geometry adds:
+load/(length × stiffness) of it, 1e-5 for stiff machine parts. J is that of the pose where the search began, a few
+micrometres off. So the matrix is factored once, and each step gains three digits or more. Where steps gain too little
+it is made anew for each, and where that does not help K is taken by central differences of F + Jᵀλ.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.linalg.lapack import dgesv  # pyright: ignore[reportAttributeAccessIssue]
+from scipy.linalg.lapack import dgetrf, dgetrs  # pyright: ignore[reportAttributeAccessIssue]
 
 from bench.closing import Loops
 
 TOLERANCE = 1e-12
 """[m] of loop error, and [m, rad] of the last step."""
 SLOW = 0.1
-"""A step longer than this share of the one before calls for the exact tangent."""
+"""A step longer than this share of the one before calls for a better matrix."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,8 @@ class Equilibrium:
         self._step = np.zeros(model.nv)
         self._bias = np.zeros(model.nv)
         self._multipliers = np.zeros(0)
+        self._factors: tuple[np.ndarray, np.ndarray, float] | None = None
+        """See :meth:`_factored`."""
         self.reaction = np.zeros(model.nv)
         """(nv,) [N, N·m] F + Jᵀλ: zero on free joints; on a held one the load that it has to carry, positive where
         the load pushes the joint towards positive values."""
@@ -71,41 +74,59 @@ class Equilibrium:
         mujoco.mj_rne(model, data, 0, self._bias)
         return data.qfrc_passive + data.qfrc_applied - self._bias
 
-    def settle(self, tolerance: float = TOLERANCE, max_iterations: int = 40) -> Rest:
-        """Newton from `data.qpos`, which should be closed, until loops and forces balance."""
+    def settle(self, again: bool = False, tolerance: float = TOLERANCE, max_iterations: int = 40) -> Rest:
+        """Newton from `data.qpos`, which should be closed, until loops and forces balance.
+
+        Args:
+            again: whether it is all but the pose of the call before, whose matrix and forces then still serve.
+        """
         loops, free, n = self.loops, self.free, len(self.free)
-        exact, K = False, np.zeros((n, n))
+        if not again:
+            self._factors, self._multipliers = None, np.zeros(0)
+        effort, K = 0, None  # 0: one matrix for all steps; 1: one for each step; 2: with the exact tangent
         last, residual = math.inf, math.inf
         iteration = 0
         for iteration in range(max_iterations):
             c, J = loops.evaluate()
             F = self.forces()
-            m = len(c)
-            if not exact:
-                K = self._springs()
-            matrix = np.zeros((n + m, n + m))
-            scale = max(1.0, np.abs(K).max())  # keeps springs of 1e8 N/m and unit Jacobians in one system
-            Jf = J[:, free]
-            matrix[:n, :n], matrix[:n, n:], matrix[n:, :n] = K / scale, -Jf.T, Jf
-            _, _, solution, info = dgesv(matrix, np.concatenate([F[free] / scale, -c]))
-            if info != 0 or not np.isfinite(solution).all():
+            if not len(self._multipliers):
+                self._multipliers = np.zeros(len(c))
+            if self._factors is None or effort:
+                self._factors = self._factored(self._springs() if K is None else K, J)
+            if self._factors is None:
                 return Rest(False, math.inf, iteration)
-            step, multipliers = solution[:n], solution[n:] * scale
+            lu, pivots, scale = self._factors
+            push = F + J.T @ self._multipliers
+            solution, _ = dgetrs(lu, pivots, np.concatenate([push[free] / scale, -c]))
+            if not np.isfinite(solution).all():
+                return Rest(False, math.inf, iteration)
+            step = solution[:n]
+            self._multipliers = self._multipliers + solution[n:] * scale
+            self.reaction = F + J.T @ self._multipliers
             size = math.sqrt(step.dot(step))
             residual = math.sqrt(c.dot(c)) + size
-            self._multipliers = multipliers
-            self.reaction = F + J.T @ multipliers
             if residual <= tolerance:
                 return Rest(True, residual, iteration)
             if size > SLOW * last and size > 1e3 * tolerance:
-                K, exact = self._tangent(), True
-                last = math.inf
+                effort, last = min(effort + 1, 2), math.inf
+                if effort == 2:
+                    K = self._tangent()
                 continue
             last = size
             limit = 0.1  # a spring that gives way further is no machine part any more
             self._step[free] = step if size <= limit else step * (limit / size)
             mujoco.mj_integratePos(loops.model, loops.data.qpos, self._step, 1.0)
         return Rest(False, residual, iteration)
+
+    def _factored(self, K: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """LU, pivots and scale of the matrix of one step; None where it is singular."""
+        n, m = len(self.free), len(J)
+        matrix = np.zeros((n + m, n + m), order="F")
+        scale = max(1.0, np.abs(K).max())  # keeps springs of 1e8 N/m and unit Jacobians in one system
+        Jf = J[:, self.free]
+        matrix[:n, :n], matrix[:n, n:], matrix[n:, :n] = K / scale, -Jf.T, Jf
+        lu, pivots, info = dgetrf(matrix, overwrite_a=True)
+        return (lu, pivots, scale) if info == 0 else None
 
     def _springs(self) -> np.ndarray:
         """K from the springs of the joints alone, (n_free, n_free)."""

@@ -170,7 +170,7 @@ class Machine:
         for fault in self.faults:
             fault.prepare(rig, row)
         seen = set()
-        while (status := self._rest()) == "ok":
+        while (status := self._rest(again=bool(seen))) == "ok":
             # All faults look before the row is solved again, so that their order does not matter.
             if not any([fault.settle(rig, row) for fault in self.faults]):
                 return "ok"
@@ -180,11 +180,11 @@ class Machine:
             seen.add(state)
         return status
 
-    def _rest(self) -> str:
-        """Closed loops and, where there are forces to balance, equilibrium from there."""
+    def _rest(self, again: bool) -> str:
+        """Closed loops and, where there are forces to balance, equilibrium from there; `again`: of the same row."""
         status = self._close()
         if status == "ok" and self.rig.equilibrium is not None:
-            if not self.rig.equilibrium.settle().ok:
+            if not self.rig.equilibrium.settle(again).ok:
                 return "not_converged"
             if not self._hangs_well():
                 return "wrong_branch"

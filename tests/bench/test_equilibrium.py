@@ -63,8 +63,8 @@ def test_loops_and_forces_balance_to_rounding():
     eq, worst = machine.rig.equilibrium, []
     settle = eq.settle
 
-    def watched():
-        rest = settle()
+    def watched(again):
+        rest = settle(again)
         free = np.isin(np.arange(machine.model.nv), eq.free)
         worst.append((rest.residual, np.abs(eq.reaction[free]).max()))
         return rest

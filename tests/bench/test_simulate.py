@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
+from bench import faults, simulate
 from bench import plan as plans
-from bench import simulate
 from bench import truth as truths
 from bench.cli import main
 from bench.kinds import MODELS
@@ -51,8 +51,11 @@ def test_the_measurements_are_the_true_poses_and_noise():
 
 
 def test_workers_do_not_matter():
-    truth = truths.parse(TRUTH + 'missing_rows = 0.1\nframe = "tracker"\nsigma_joint_deg = 0.001\n')
-    plan = plans.make(truth.robot, "random", 150)
+    text = TRUTH + 'missing_rows = 0.1\nframe = "tracker"\nsigma_joint_deg = 0.001\n'
+    drawn = truths.parse(text)
+    everything = tuple(faults.typical(drawn.robot, name) for name in faults.names())
+    truth = truths.Truth(drawn.robot, drawn.errors, drawn.instrument, everything)
+    plan = plans.make(truth.robot, "rich", 150)
     one, two = (simulate.run(truth, plan, 1, workers) for workers in (1, 2))
     for name in ("q", "position", "rotation", "sigma"):
         assert getattr(one.measurements, name).tobytes() == getattr(two.measurements, name).tobytes()

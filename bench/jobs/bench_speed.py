@@ -1,0 +1,221 @@
+"""What the virtual robot costs, beside the bounds that it is held to: the command of scripts/benchmark_bench."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from cyclopts import App, Parameter
+
+from bench import faults, kinds, simulate
+from bench import plan as plans
+from bench import truth as truths
+from bench.batch import BatchMachine
+from bench.batch import possible as batch_possible
+from bench.faults import Fault
+from bench.instrument import Instrument
+from bench.machine import Machine
+from bench.truth import Truth
+from pcalib import measurement
+from pcalib import robot as robots
+from pcalib.cli import frame
+from pcalib.errors import InputError
+from pcalib.robot import Robot
+
+RIGID_US, REST_MS, DATA_S = 150.0, 3.0, 1.0
+"""Bounds: a rigid pose [µs], a pose in equilibrium [ms], a rich data set of 120 poses [s]."""
+SEVERAL = ("drive_compliance", "rod_compliance", "arm_bending", "plate_flexing", "tool_bending", "frame_bending")
+"""What gives way: one fault for every compliant part of the robot."""
+ROWS = 120
+WORKERS = (1, 2, 4)
+TOOL = np.array([0.05, 0.0, -0.1])
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured number and what it is held to."""
+
+    name: str
+    value: float
+    unit: str
+    bound: float | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether it keeps its bound."""
+        return self.bound is None or self.value <= self.bound
+
+
+def command(
+    *, robot: Path | None = None, repeats: int = 7, quick: bool = False, json: frame.JsonOption = None
+) -> int:
+    """Time the virtual robot: rigid poses, poses in equilibrium, whole data sets; and compare the bytes they make.
+
+    Every figure is the median of several runs: processor time of one process, so that a busy machine makes little
+    difference, and time on the wall where workers share the rows. Exit code 1 where a bound is missed.
+
+    Args:
+        robot: Robot file; the default Delta where absent. Other kinds are timed beside it.
+        repeats: Runs of each figure.
+        quick: Two runs and a few poses, to see that everything runs.
+    """
+    if repeats < 1:
+        raise InputError(f"--repeats {repeats} must be at least 1")
+    main_robot = robots.load(robot or kinds.MODELS / "delta.toml")
+    runs, rows = (2, 24) if quick else (repeats, ROWS)
+    others = [] if quick else [robots.load(file) for file in sorted(kinds.MODELS.glob("*.toml"))]
+    others = [other for other in others if other.kind != main_robot.kind]
+    found: list[Figure] = []
+    steps = 4 + len(others)
+    with frame.progress("timing", steps) as advance:
+        for part in (
+            lambda: rigid(main_robot, rows, runs),
+            lambda: equilibrium(main_robot, rows, runs),
+            *((lambda other=other: family(other, rows, runs)) for other in others),
+            lambda: data_sets(main_robot, rows, runs),
+        ):
+            found += part()
+            advance()
+        same = bytes_agree(main_robot, rows if quick else 300)
+        advance()
+    frame.show_table(
+        ["what", "figure", "bound", ""],
+        [
+            [f.name, f"{f.value:.3g} {f.unit}", "" if f.bound is None else f"{f.bound:g} {f.unit}",
+             "" if f.bound is None else "ok" if f.holds else "missed"]
+            for f in found
+        ],
+        title=f"{main_robot.name}: median of {runs} runs, {rows} poses",
+    )  # fmt: skip
+    workers = ", ".join(map(str, WORKERS))
+    frame.say(f"same seed, {workers} workers: {'the same bytes' if same else 'DIFFERENT BYTES'}")
+    frame.write_json(
+        json,
+        {
+            "schema": "pcbench.speed/1",
+            "figures": [{"name": f.name, "value": f.value, "unit": f.unit, "bound": f.bound} for f in found],
+            "same_bytes": same,
+        },
+    )
+    return frame.OK if same and all(f.holds for f in found) else frame.NOT_HELD
+
+
+def rigid(robot: Robot, rows: int, runs: int) -> list[Figure]:
+    """Microseconds per pose of a rigid robot, each from home."""
+    q = plans.make(robot, "random", rows).commands.q
+    out = []
+    for variant in kinds.get(robot.kind).variants:
+        machine = Machine(robot, variant=variant)
+        per_pose = 1e6 * median(lambda machine=machine: machine.land(q, TOOL), runs) / rows
+        out.append(Figure(f"rigid pose, {variant}", per_pose, "µs", RIGID_US))
+    if batch_possible(robot):
+        many, wide = BatchMachine(robot), np.resize(q, (10 * rows, q.shape[1]))
+        per_pose = 1e6 * median(lambda: many.land(wide, TOOL), runs) / len(wide)
+        out.append(Figure("rigid pose, in batches", per_pose, "µs", RIGID_US))
+    return out
+
+
+def equilibrium(robot: Robot, rows: int, runs: int) -> list[Figure]:
+    """Milliseconds per pose of robots that give way, on a rich plan."""
+    cases = {
+        "equilibrium, one spring per drive": suited(robot, ("drive_compliance",)),
+        f"equilibrium, {len(suited(robot, SEVERAL))} compliances": suited(robot, SEVERAL),
+        f"equilibrium, all {len(suited(robot))} faults": suited(robot),
+    }
+    return [Figure(name, at_rest(robot, made, rows, runs), "ms", REST_MS) for name, made in cases.items()]
+
+
+def family(robot: Robot, rows: int, runs: int) -> list[Figure]:
+    """A rigid pose and one with all faults, of another kind."""
+    q = plans.make(robot, "random", rows).commands.q
+    machine = Machine(robot)
+    everything = suited(robot)
+    return [
+        Figure(f"{robot.name}: rigid pose", 1e6 * median(lambda: machine.land(q, TOOL), runs) / rows, "µs", RIGID_US),
+        Figure(f"{robot.name}: all {len(everything)} faults", at_rest(robot, everything, rows, runs), "ms", REST_MS),
+    ]
+
+
+def at_rest(robot: Robot, present: tuple[Fault, ...], rows: int, runs: int) -> float:
+    """Milliseconds per pose."""
+    commands = plans.make(robot, "rich", rows, tools=[TOOL]).commands
+    machine = Machine(robot, None, present)
+    return 1e3 * median(lambda: machine.run(commands), runs) / rows
+
+
+def data_sets(robot: Robot, rows: int, runs: int) -> list[Figure]:
+    """Seconds from truth to measurements, the plan and the compilation of the model included."""
+    out = []
+    for name, present in (("one fault", suited(robot, ("drive_compliance",))), ("all faults", suited(robot))):
+        truth = hidden(robot, present)
+        seconds = median(lambda truth=truth: measure(truth, rows, 1), runs)
+        out.append(Figure(f"rich data set of {rows}, {name}", seconds, "s", DATA_S))
+        if len(present) > 1:
+            measure(truth, rows, 2)  # processes start once
+            shared = median(lambda truth=truth: measure(truth, rows, 2), runs, time.perf_counter)
+            out.append(Figure(f"rich data set of {rows}, {name}, 2 running workers", shared, "s", DATA_S))
+    return out
+
+
+def bytes_agree(robot: Robot, rows: int) -> bool:
+    """Whether the files of one seed are the same for any number of workers."""
+    truth, made = hidden(robot, suited(robot)), set()
+    with TemporaryDirectory() as folder:
+        for workers in WORKERS:
+            file = Path(folder) / "data.csv"
+            measurement.save(file, measure(truth, rows, workers).measurements)
+            made.add(file.read_bytes())
+    return len(made) == 1
+
+
+def measure(truth: Truth, rows: int, workers: int) -> simulate.DataSet:
+    """A rich data set."""
+    return simulate.run(truth, plans.make(truth.robot, "rich", rows, tools=[TOOL], seed=1), 1, workers)
+
+
+def hidden(robot: Robot, present: tuple[Fault, ...]) -> Truth:
+    """An imperfect robot with these faults, seen by a tracker."""
+    errors = truths.draw_errors(robot, 3e-4, 2e-3, seed=1)
+    return Truth(robot, errors, Instrument(sigma_pos=2e-5, sigma_rot=1e-4, frame="tracker"), present)
+
+
+def suited(robot: Robot, names: Sequence[str] = ()) -> tuple[Fault, ...]:
+    """Those of these faults (all, where none are named) that this kind of robot can have, of usual size."""
+    out = []
+    for name in names or faults.names():
+        try:
+            fault = faults.typical(robot, name)
+            Machine(robot, None, [fault])
+        except InputError:
+            continue
+        out.append(fault)
+    return tuple(out)
+
+
+def median(work: Callable[[], object], runs: int, clock: Callable[[], float] = time.process_time) -> float:
+    """Seconds that some work takes; of this process alone, unless the clock is that on the wall."""
+    taken = []
+    for _ in range(runs):
+        begun = clock()
+        work()
+        taken.append(clock() - begun)
+    return float(np.median(taken))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    program = App(
+        name="benchmark_bench", help_format="plaintext", version_flags=[], result_action="return_value",
+        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
+    )  # fmt: skip
+    program.default(command)
+    return frame.run(program, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
