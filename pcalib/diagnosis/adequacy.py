@@ -71,22 +71,29 @@ def corrected(p: np.ndarray | float, null: np.ndarray) -> np.ndarray:
     return (1.0 + np.searchsorted(null, p, side="right")) / (len(null) + 1.0)
 
 
-def is_adequate(screen: Screen, chosen: Sequence[int], alpha: float = ALPHA) -> bool:
-    """Whether nothing improves significantly on the chosen groups.
+def critical_value(screen: Screen, chosen: Sequence[int] = (), alpha: float = ALPHA) -> float:
+    """Smallest p below which something counts as found with the chosen groups allowed for."""
+    return float(np.quantile(null_distribution(screen, chosen), alpha))
 
-    The Monte-Carlo critical value lies between alpha over the number of tests (Bonferroni) and alpha; it is
-    computed only where that does not decide.
+
+def is_adequate(screen: Screen, chosen: Sequence[int], alpha: float = ALPHA, reference: float | None = None) -> bool:
+    """Whether nothing improves significantly on the chosen groups, by their own Monte-Carlo critical value.
+
+    Args:
+        reference: critical value with nothing chosen. Those of other sets lie close to it, so that only p values
+            within a factor of two of it need a Monte Carlo of their own.
     """
-    tests = int(np.sum(screen.visible > 0)) + 1
-    sure = 0.1 * alpha / tests
+    if reference is None:
+        tests = int(np.sum(screen.visible > 0)) + 1
+        sure, safe = 0.1 * alpha / tests, alpha  # Bonferroni below, no correction at all above
+    else:
+        sure, safe = 0.5 * reference, 2.0 * reference
     if _rejected_early(screen, chosen, sure):
         return False
     smallest = p_values(screen, chosen).smallest
-    if smallest > alpha:
+    if smallest > safe:
         return True
-    if smallest < sure:
-        return False
-    return smallest > np.quantile(null_distribution(screen, chosen), alpha)
+    return smallest > sure and smallest > critical_value(screen, chosen, alpha)
 
 
 def _rejected_early(screen: Screen, chosen: Sequence[int], sure: float) -> bool:
@@ -118,14 +125,15 @@ def adequate_sets(
         feasible: whether the fitted parameters of a set are physically possible.
         compatible: whether a set makes sense at all (two variants of one effect do not).
     """
-    if is_adequate(screen, (), alpha):
+    reference = critical_value(screen, (), alpha)
+    if is_adequate(screen, (), alpha, reference):
         return [()]
     usable = [g for g in candidates if screen.visible[g] > 0]
     for size in range(1, largest + 1):
         found = [
             chosen
             for chosen in combinations(usable, size)
-            if compatible(chosen) and is_adequate(screen, chosen, alpha) and feasible(chosen)
+            if compatible(chosen) and is_adequate(screen, chosen, alpha, reference) and feasible(chosen)
         ]
         if found:
             return found

@@ -23,6 +23,8 @@ from pcalib.measurement import Measurements
 from pcalib.model import FittedEffect, Model
 
 N_DRAWS = 4096
+BEYOND = 3.0
+"""σ by which fitted parameters may lie beyond their physical range and still be possible."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,7 @@ class _World:
     prefix: tuple[str, ...]
     problem: Problem
     screen: Screen
+    critical: float
 
 
 def diagnose(
@@ -109,8 +112,8 @@ def diagnose(
     screen = made.screen(n_draws, seed)
     start = adequacy.p_values(screen)
     null = adequacy.null_distribution(screen)
-    sets = _explanations(made, screen, data, own, largest, alpha, n_draws, seed, without)
     critical = float(np.quantile(null, alpha))
+    sets = _explanations(_World((), made, screen, critical), data, own, largest, alpha, n_draws, seed, without)
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)
     tested = [f.candidate.name for f in findings if not f.note and f.candidate.effect is not None]
@@ -130,8 +133,7 @@ def diagnose(
 
 
 def _explanations(
-    made: Problem,
-    screen: Screen,
+    start: _World,
     data: Measurements,
     own: Sequence[Effect],
     largest: int,
@@ -141,26 +143,32 @@ def _explanations(
     without: Sequence[str] = (),
 ) -> list[Explanation]:
     """The smallest adequate sets over all geometry levels, one per combination of names, best first."""
-    worlds = [_World((), made, screen)]
+    worlds, made = [start], start.problem
     for size in range(largest + 1):
         found: dict[tuple[str, ...], Explanation] = {}
         for world in worlds:
             room = size - len(world.prefix)
             if room < 0 or any(set(world.prefix) > {"_"} and _simpler(world.prefix, names, made) for names in found):
                 continue
-            for chosen in adequate(world.problem, world.screen, room, alpha):
+            for chosen in adequate(world.problem, world.screen, room, alpha, world.critical):
                 explained = _explanation(world, chosen)
                 found.setdefault(explained.names, explained)
         if found:
             ordered = sorted(found.values(), key=lambda e: e.bic)
             return [_checked(e, made, data) if len(ordered) == 1 and e.names else e for e in ordered]
         if size == 0:  # something is missing: now it is worth the refits at richer levels
-            worlds += _richer(made, data, own, n_draws, seed, without)
+            worlds += _richer(made, data, own, alpha, n_draws, seed, without)
     return []
 
 
-def adequate(made: Problem, screen: Screen, size: int, alpha: float = ALPHA) -> list[tuple[int, ...]]:
-    """Adequate sets of exactly `size` effects, simplest variants first."""
+def adequate(
+    made: Problem, screen: Screen, size: int, alpha: float = ALPHA, reference: float | None = None
+) -> list[tuple[int, ...]]:
+    """Adequate sets of exactly `size` effects, simplest variants first.
+
+    Args:
+        reference: critical value with nothing chosen, see :func:`adequacy.is_adequate`.
+    """
     from itertools import combinations
 
     usable = [g for g, c in enumerate(made.candidates) if c.effect is not None and screen.visible[g] > 0]
@@ -170,21 +178,35 @@ def adequate(made: Problem, screen: Screen, size: int, alpha: float = ALPHA) -> 
         names = tuple(sorted(made.candidates[g].name for g in chosen))
         if len(set(names)) < size or names in seen:
             continue
-        if adequacy.is_adequate(screen, chosen, alpha) and possible(made, screen, chosen):
+        if adequacy.is_adequate(screen, chosen, alpha, reference) and possible(made, screen, chosen):
             seen.add(names)
             out.append(chosen)
     return out
 
 
 def possible(made: Problem, screen: Screen, chosen: Sequence[int]) -> bool:
-    """Whether the fitted parameters of a set lie within their physical ranges, give or take 3σ."""
-    if not chosen:
-        return True
-    theta, sigma = screen.estimate(chosen)
-    return all(
-        np.all((t >= made.candidates[g].low - 3 * s) & (t <= made.candidates[g].high + 3 * s))
-        for g, t, s in zip(chosen, theta, sigma, strict=True)
-    )
+    """Whether parameters within their physical ranges fit as well as any, give or take 3σ."""
+    return not chosen or within_range(made, screen, chosen)[1] < BEYOND**2
+
+
+def within_range(made: Problem, screen: Screen, chosen: Sequence[int]) -> tuple[list[np.ndarray], float]:
+    """Least-squares parameters of a set within their physical ranges, and by how much χ² is above the unbounded one.
+
+    Aliased effects share a signal in any proportion; what counts is whether some proportion is possible.
+    """
+    theta, _ = screen.estimate(chosen)
+    low = np.concatenate([made.candidates[g].low for g in chosen])
+    high = np.concatenate([made.candidates[g].high for g in chosen])
+    free = np.concatenate(theta)
+    if np.all((free >= low) & (free <= high)):
+        return theta, 0.0
+    from scipy.optimize import lsq_linear
+
+    scale = np.concatenate([screen.scale[g] for g in chosen])
+    F = np.hstack([screen.parts[g] for g in chosen]) * scale
+    bounded = lsq_linear(F, screen.y, (low / scale, high / scale)).x
+    rise = float(np.sum((screen.y - F @ bounded) ** 2) - np.sum((screen.y - F @ (free / scale)) ** 2))
+    return np.split(bounded * scale, np.cumsum([len(t) for t in theta])[:-1]), rise
 
 
 def _simpler(prefix: tuple[str, ...], names: tuple[str, ...], made: Problem) -> bool:
@@ -195,7 +217,13 @@ def _simpler(prefix: tuple[str, ...], names: tuple[str, ...], made: Problem) -> 
 
 
 def _richer(
-    made: Problem, data: Measurements, own: Sequence[Effect], n_draws: int, seed: int, without: Sequence[str]
+    made: Problem,
+    data: Measurements,
+    own: Sequence[Effect],
+    alpha: float,
+    n_draws: int,
+    seed: int,
+    without: Sequence[str],
 ) -> list[_World]:
     """The same data at every richer geometry level, refitted: large errors are not linear."""
     out = []
@@ -208,13 +236,14 @@ def _richer(
             continue
         known = made.noise if made.noise.source == "replicates" else None
         rebuilt = problem(fitted, data, own, known, without=without)
-        out.append(_World((candidate.name,), rebuilt, rebuilt.screen(n_draws, seed)))
+        screen = rebuilt.screen(n_draws, seed)
+        out.append(_World((candidate.name,), rebuilt, screen, adequacy.critical_value(screen, (), alpha)))
     return out
 
 
 def _explanation(world: _World, chosen: tuple[int, ...]) -> Explanation:
     made, screen = world.problem, world.screen
-    theta, sigma = screen.estimate(chosen) if chosen else ([], [])
+    theta, sigma = (within_range(made, screen, chosen)[0], screen.estimate(chosen)[1]) if chosen else ([], [])
     levels = [
         Candidate(name, name, None, np.zeros((0, 6, 0)), np.zeros(0), np.zeros(0), np.zeros(0)) for name in world.prefix
     ]

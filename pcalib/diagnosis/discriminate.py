@@ -107,8 +107,10 @@ def plan(made: Problem, rivals: Sequence[Sequence[Effect]], n: int, options: Opt
     unknowns = unknowns_of(made.model, made.model.level, made.model.effects, made.data.frame == "tracker")
     measure = _Instrument.of(made)
     data = made.data
-    old = measure.rows(made, rivals, unknowns, data.q, linearisation.conditions_of(data))
-    theta = [_size(made, old, side, rivals[side]) for side in range(2)]
+    needs = {need for rival in rivals for e in rival for need in e.needs}
+    known = _neutral(linearisation.conditions_of(data), needs)
+    old = measure.rows(made, rivals, unknowns, data.q, known)
+    theta = [_size(made, old, side) for side in range(2)]
     start = [_Discrepancy.start(old, theta[side], side) for side in range(2) if rivals[side]]
 
     q, conditions = _candidates(made, rivals, options, rng)
@@ -124,7 +126,7 @@ def plan(made: Problem, rivals: Sequence[Sequence[Effect]], n: int, options: Opt
         states = [d.added(new, pick) for d in states]
         after.append(min(d.value for d in states))
 
-    similar = measure.rows(made, rivals, unknowns, *_similar(made, n, rng))
+    similar = measure.rows(made, rivals, unknowns, *_similar(made, known, n, rng))
     same = start
     for row in np.flatnonzero(similar.ok):
         same = [d.added(similar, int(row)) for d in same]
@@ -195,20 +197,15 @@ class _Instrument:
         return _Rows(np.nan_to_num(nuisance), (np.nan_to_num(sides[0]), np.nan_to_num(sides[1])), p.position, ok)
 
 
-def _size(made: Problem, old: _Rows, side: int, rival: Sequence[Effect]) -> np.ndarray:
+def _size(made: Problem, old: _Rows, side: int) -> np.ndarray:
     """Fitted parameters of a rival in units of their usual size; that size itself where the data cannot tell."""
-    E = np.concatenate([*(made.whitened(_columns(made, e)) for e in rival), np.zeros((len(made.y), 0))], axis=1)
+    E = old.rivals[side][made.row, made.component]
+    if E.shape[1] == 0:
+        return np.zeros(0)
     N = made.nuisance
-    M = N.T @ N + np.eye(N.shape[1])
-    project = E - N @ np.linalg.solve(M, N.T @ E)
-    theta = np.linalg.lstsq(project, made.y, rcond=1e-6)[0] if E.shape[1] else np.zeros(0)
-    seen = np.linalg.norm(project @ theta) if len(theta) else 0.0
-    return theta if seen > 3.0 else np.ones(E.shape[1])
-
-
-def _columns(made: Problem, effect: Effect) -> np.ndarray:
-    prior = np.array([p.prior for p in effect.parameters])
-    return made.point.columns(effects.basis(effect, made.point.situation)) * prior
+    outside = E - N @ np.linalg.solve(N.T @ N + np.eye(N.shape[1]), N.T @ E)
+    theta = np.linalg.lstsq(outside, made.y, rcond=1e-6)[0]
+    return theta if np.linalg.norm(outside @ theta) > 3.0 else np.ones(E.shape[1])
 
 
 @dataclass(frozen=True)
@@ -274,15 +271,29 @@ def _candidates(
     if "time" in columns or "time" in needs:
         last = float(np.max(data.columns["time"])) if "time" in data.columns else 0.0
         columns["time"] = last + (rng.choice([0.0, LATER, 2 * LATER], n) if "time" in needs else np.zeros(n))
-    for name in needs - columns.keys():
-        raise EffectError(f"a plan for these rivals needs column '{name}', which the data do not have")
     return q, Conditions(tools[rng.integers(0, len(tools), n)], rng.choice(np.asarray(payloads, float), n), columns)
 
 
-def _similar(made: Problem, n: int, rng: np.random.Generator) -> tuple[np.ndarray, Conditions]:
-    """Other poses under conditions drawn from the data."""
-    like = rng.integers(0, len(made.data), n)
-    return reachable(made.model.robot, n, rng).q, linearisation.conditions_of(made.data).take(like)
+def _similar(made: Problem, known: Conditions, n: int, rng: np.random.Generator) -> tuple[np.ndarray, Conditions]:
+    """Other poses under conditions drawn from those of the data."""
+    return reachable(made.model.robot, n, rng).q, known.take(rng.integers(0, len(made.data), n))
+
+
+def _neutral(conditions: Conditions, needs: set[str]) -> Conditions:
+    """Conditions with needed columns that were not recorded at a value at which nothing happens.
+
+    Raises:
+        EffectError: a column of the user's own is needed and absent; nobody knows its neutral value.
+    """
+    columns = dict(conditions.columns)
+    for name in sorted(needs - columns.keys()):
+        if name.startswith("temp"):
+            columns[name] = columns.get("temp", np.full(len(conditions.payload), 20.0))
+        elif name == "time" or name.startswith("dir"):
+            columns[name] = np.zeros(len(conditions.payload))
+        else:
+            raise EffectError(f"a plan for these rivals needs column '{name}', which the data do not have")
+    return replace(conditions, columns=columns)
 
 
 def table(robot: Robot, found: Plan) -> dict[str, np.ndarray]:

@@ -21,9 +21,18 @@ ROBOT = robots.load(Path(__file__).parents[2] / "models" / "delta.toml")
 TOOLS = [np.array([0.0, 0.0, 0.0]), np.array([0.06, 0.0, -0.2])]
 
 
+Case = tuple[Measurements, Model]
+
+
 @lru_cache(maxsize=32)
-def _measured(hidden: tuple[tuple[str, float], ...] = (), plan: str = "rich", n: int = 120, check: int = 30, seed: int = 1,
-             kind: str = "pose") -> tuple[Measurements, Model]:  # fmt: skip
+def _measured(
+    hidden: tuple[tuple[str, float], ...] = (),
+    plan: str = "rich",
+    n: int = 120,
+    check: int = 30,
+    seed: int = 1,
+    kind: str = "pose",
+) -> Case:
     """Data of a Delta with faults at multiples of their typical size, and the geometry fitted to it."""
     instrument = Instrument(sigma_pos=15e-6, sigma_rot=60e-6, kind=kind)
     errors = truths.draw_errors(ROBOT, 1e-4, np.radians(0.05), seed)

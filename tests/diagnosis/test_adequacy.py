@@ -92,11 +92,13 @@ def test_the_unlisted_is_unexplained():
 def test_shortcuts_decide_as_the_full_monte_carlo_does():
     for seed in range(12):
         made = build(seed, {"a": 4.0, "d": 3.0}, n_draws=1500)
+        reference = adequacy.critical_value(made)
         for size in (0, 1, 2):
             for chosen in combinations(range(6), size):
                 p = adequacy.p_values(made, chosen).smallest
                 full = p > np.quantile(adequacy.null_distribution(made, chosen), 0.05)
                 assert adequacy.is_adequate(made, chosen) == full
+                assert adequacy.is_adequate(made, chosen, reference=reference) == full
 
 
 def test_corrected_p_values_are_uniform_under_noise():

@@ -34,12 +34,15 @@ def data(measured):
     return replace(twice, pose_id=pick, columns={})
 
 
+def replicated(data, made, drift=None):
+    level = noises.from_replicates(data, made, np.zeros((N, 6, 0)) if drift is None else drift)
+    assert level is not None
+    return level
+
+
 class TestVarianceComponents:
     def test_from_replicates(self, data):
-        got = [
-            noises.from_replicates(data, blocks(np.random.default_rng(s), 1.5, 0.7, 0, True), np.zeros((N, 6, 0)))
-            for s in range(60)
-        ]
+        got = [replicated(data, blocks(np.random.default_rng(s), 1.5, 0.7, 0, True)) for s in range(60)]
         ratio = np.array([g.ratio for g in got if not g.sigma_q])
         assert len(ratio) > 50
         np.testing.assert_allclose(np.sqrt(np.mean(ratio**2, axis=0)), [1.5, 0.7], rtol=0.03)
@@ -47,10 +50,7 @@ class TestVarianceComponents:
 
     def test_joint_repeatability_is_told_from_the_instrument(self, data):
         joint = 9e-5  # 2.7 noise units at the plate
-        got = [
-            noises.from_replicates(data, blocks(np.random.default_rng(s), 1, 1, joint, True), np.zeros((N, 6, 0)))
-            for s in range(40)
-        ]
+        got = [replicated(data, blocks(np.random.default_rng(s), 1, 1, joint, True)) for s in range(40)]
         seen = [g for g in got if g.sigma_q]
         assert len(seen) > 30
         np.testing.assert_allclose(np.mean([g.sigma_q for g in seen]), joint, rtol=0.1)
@@ -62,7 +62,9 @@ class TestVarianceComponents:
         for s in range(150):
             made = blocks(np.random.default_rng(s), 1.3, 1.3)
             hidden = np.einsum("nid,d->ni", Q, 50 * np.random.default_rng(s).standard_normal(120))
-            got.append(noises.from_rest(data, replace(made, y=made.y + hidden), Q))
+            level = noises.from_rest(data, replace(made, y=made.y + hidden), Q)
+            assert level is not None
+            got.append(level)
         plain = np.array([g.ratio for g in got if not g.sigma_q])
         np.testing.assert_allclose(np.mean(plain**2, axis=0), 1.69, rtol=0.03)
         # the stated degrees of freedom are those of the scatter: var(σ̂²)/σ⁴ = 2/ν
@@ -73,8 +75,7 @@ class TestVarianceComponents:
         made = blocks(rng, twice=True)
         drift = np.einsum("n,ij->nij", np.linspace(0, 40, N), np.eye(6))
         shifted = replace(made, y=made.y + drift @ np.ones(6))
-        naive = noises.from_replicates(data, shifted, np.zeros((N, 6, 0)))
-        aware = noises.from_replicates(data, shifted, drift)
+        naive, aware = replicated(data, shifted), replicated(data, shifted, drift)
         assert naive.ratio[0] > 1.05 * aware.ratio[0]
         np.testing.assert_allclose(aware.ratio, 1.0, rtol=0.2)
         assert aware.dof[0] == pytest.approx(87, abs=1)

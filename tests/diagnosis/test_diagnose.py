@@ -1,0 +1,267 @@
+"""Whole diagnoses of the virtual robot: what MuJoCo hides is found, told apart, or said to be unknown."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pcalib import identification
+from pcalib.diagnosis import results, telling
+from pcalib.diagnosis.diagnose import diagnose
+from pcalib.diagnosis.evidence import evidence
+from pcalib.diagnosis.kinship import kinship
+from pcalib.diagnosis.steps import add, drop
+from pcalib.effects import get, parse
+from pcalib.errors import EffectError
+from pcalib.linearisation import residuals
+from pcalib.model import FittedEffect
+
+KEYS = {"schema", "verdict", "established", "adequate", "refuted", "candidates", "noise", "misfit", "heatmap", "next"}
+ENOUGH_DRAWS = 1024
+
+
+def names(found):
+    return {e.names for e in found.sets}
+
+
+def test_no_fault_nothing_missing_with_limits(measured):
+    data, model = measured()
+    found = diagnose(model, data)
+    assert found.verdict == "nothing_missing" and found.established == () and names(found) == {()}
+    assert found.noise.verified and 0.8 < found.noise.ratio[0] < 1.2
+    limits = {f.candidate.spec: f.smallest_seen for f in found.findings}
+    assert 1e-6 < limits["backlash"][0] < 1e-4  # well below an arc minute
+    assert limits["drive_compliance"][0] < 3e-5
+    assert telling.sentence(found).startswith("Nothing is missing")
+
+
+@pytest.mark.parametrize(
+    ("fault", "scale", "spec", "value"),
+    [
+        ("backlash", 0.3, "backlash", None),
+        ("thermal_arms", 1.0, "thermal_arms", 2.36e-5),
+        ("joint_clearance", 1.0, "joint_clearance", 1e-5),
+        ("tool_bending", 1.0, "tool_bending", 2e-6),
+        ("friction_hysteresis", 1.0, "friction_hysteresis", 1e-5),
+    ],
+)
+def test_single_faults_are_established_with_their_size(measured, fault, scale, spec, value):
+    data, model = measured(((fault, scale),))
+    found = diagnose(model, data, n_draws=ENOUGH_DRAWS)
+    assert found.verdict == "established" and found.established == (fault,)
+    assert found.sets[0].specs == (spec,)
+    before, after = found.sets[0].held_out
+    assert after < before
+    if value is not None:
+        assert found.sets[0].theta[0][0] == pytest.approx(value, rel=0.2)
+
+
+def test_drives_and_arms_are_rivals_unless_the_lateral_part_tells(measured):
+    data, model = measured((("drive_compliance", 1.0),))
+    found = diagnose(model, data, n_draws=ENOUGH_DRAWS)
+    assert ("drive_compliance",) in names(found)
+    assert names(found) <= {("drive_compliance",), ("arm_bending",)}
+
+
+def test_a_pair(measured):
+    data, model = measured((("thermal_arms", 1.0), ("backlash", 0.2)))
+    found = diagnose(model, data, n_draws=ENOUGH_DRAWS)
+    assert ("backlash", "thermal_arms") in names(found)
+    assert "backlash" in found.established
+
+
+def test_what_no_library_has_is_unexplained_with_the_place(measured):
+    data, model = measured((("tool_creep", 1.0),))
+    found = diagnose(model, data, n_draws=ENOUGH_DRAWS)
+    assert found.verdict == "unexplained" and not found.sets
+    assert any("tool" in c.variable for c in found.cells[:3])
+    assert "no effect of the library explains it" in telling.sentence(found)
+
+
+@pytest.mark.parametrize("level", ["classical", "model24"])
+def test_incomplete_geometry_is_what_is_missing(measured, robot, level):
+    data, _ = measured()
+    found = diagnose(identification.fit(data, robot, level).model, data, n_draws=ENOUGH_DRAWS)
+    assert found.verdict == "established" and found.established == ("complete",)
+
+
+def test_incomplete_geometry_and_an_effect(measured, robot):
+    data, _ = measured((("backlash", 0.3),))
+    found = diagnose(identification.fit(data, robot, "model24").model, data, n_draws=ENOUGH_DRAWS)
+    assert found.established == ("backlash", "complete")
+
+
+def test_without_replicates_the_noise_is_judged_by_what_is_left(measured):
+    data, model = measured((("thermal_arms", 1.0),))
+    blind = replace(data, pose_id=np.full(len(data), -1), sigma=2.5 * data.sigma)
+    found = diagnose(model, blind, n_draws=ENOUGH_DRAWS)
+    assert found.noise.source == "residuals" and not found.noise.verified
+    assert found.noise.ratio[0] == pytest.approx(0.4, rel=0.15)
+    assert "thermal_arms" in found.established
+    assert any("replicates" in line for line in telling.details(found))
+
+
+def test_position_only(measured):
+    data, model = measured((("backlash", 0.5),), kind="position")
+    found = diagnose(model, data, n_draws=ENOUGH_DRAWS)
+    assert ("backlash",) in names(found) and np.isnan(found.noise.sigma_rot)
+
+
+def test_time_and_json(measured):
+    data, model = measured((("drive_compliance", 1.0),))
+    rows = data.take(np.arange(120))
+    begun = time.process_time()
+    found = diagnose(model, rows)
+    assert time.process_time() - begun < 3.0  # 2 s on a machine of its own, Monte Carlo of 4096 draws included
+    text = results.diagnosis_json(found)
+    assert text.keys() >= KEYS and text["schema"] == "pcalib.diagnosis/1"
+    assert {"effect", "kappa", "s", "p", "adequate", "parameters"} <= text["candidates"][0].keys()
+    assert {"channel", "variable", "p"} <= text["heatmap"][0].keys()
+    assert {"verified", "source", "sigma_pos_um", "sigma_rot_urad"} <= text["noise"].keys()
+
+
+def test_negative_stiffness_is_no_explanation(measured, robot):
+    """Data bent the wrong way: everything that a drive compliance would add, taken away instead."""
+    data, model = measured()
+    effect = get("drive_compliance", None, robot)
+    soft = replace(model, effects=(FittedEffect(effect, np.array([4e-5])),))
+    away = residuals(model, data)[1].position - residuals(soft, data)[1].position
+    bent = replace(data, position=data.position + away)
+    found = diagnose(identification.fit(bent, robot).model, bent, n_draws=ENOUGH_DRAWS)
+    mine = next(f for f in found.findings if f.candidate.spec == "drive_compliance")
+    assert mine.p < 0.01 and mine.theta[0] < 0 and "physical range" in mine.note
+    assert all("drive_compliance" not in e.names for e in found.sets), [e.words() for e in found.sets]
+
+
+def test_what_the_model_has_is_no_candidate_but_its_richer_variants_are(measured, robot):
+    data, model = measured()
+    effect = get("drive_compliance", None, robot)
+    has = replace(model, effects=(FittedEffect(effect, np.array([2e-5]), "drive_compliance"),))
+    found = diagnose(has, data, n_draws=64)
+    specs = [f.candidate.spec for f in found.findings]
+    assert "drive_compliance" not in specs and "drive_compliance:arm" in specs
+    assert "gravity_tilt" in specs  # now there is something that answers to gravity
+
+
+class TestEvidence:
+    def test_for_the_truth(self, measured):
+        data, model = measured((("thermal_arms", 1.0),))
+        e = evidence(model, data, "thermal_arms")
+        assert e.in_range and e.rest_p > 0.05 and e.held_out[1] < e.held_out[0]
+        assert "explains all there is" in telling.evidence_sentence(e)
+        assert e.plot.slope == pytest.approx(1.0)
+        assert results.evidence_json(e)["rest"]["p"] == e.rest_p
+
+    def test_against_a_bystander(self, measured):
+        data, model = measured((("thermal_arms", 1.0),))
+        e = evidence(model, data, "backlash")
+        assert e.rest_p < 0.05
+        assert "Nothing speaks for" in telling.evidence_sentence(e) or "not enough" in telling.evidence_sentence(e)
+
+    def test_drive_effects_are_drawn_against_what_tells(self, measured):
+        data, model = measured((("backlash", 0.3),))
+        by = evidence(model, data, "backlash").by_variable
+        assert by.variable == "direction" and by.channel == "actuator"
+        up, down = by.y[by.x > 0].mean(), by.y[by.x < 0].mean()
+        assert up < down  # the arm lags behind its motion
+
+    def test_messages(self, measured):
+        data, model = measured()
+        with pytest.raises(EffectError, match="did you mean 'backlash'"):
+            evidence(model, data, "backlsh")
+        with pytest.raises(EffectError, match="seen only through a compliance"):
+            evidence(model, data, "gravity_tilt")
+
+
+class TestSteps:
+    def test_add_and_drop(self, measured):
+        data, model = measured((("backlash", 0.3),))
+        up = add(model, data, "backlash")
+        assert up.fell and up.after.check.rms_pos < 0.8 * up.before.check.rms_pos
+        back = drop(up.after.model, data, "backlash")
+        assert not back.fell
+        np.testing.assert_allclose(back.after.model.k, model.k, atol=1e-7)
+        assert results.step_json(up)["schema"] == "pcalib.add/1"
+        with pytest.raises(EffectError, match="already"):
+            add(up.after.model, data, "backlash")
+        per_arm = add(up.after.model, data, "backlash:arm")
+        assert [f.spec for f in per_arm.after.model.effects] == ["backlash:arm"]
+
+    def test_add_a_level(self, measured, robot):
+        data, _ = measured()
+        rough = identification.fit(data, robot, "model24").model
+        assert add(rough, data, "complete").after.model.level == "complete"
+
+    def test_geometry_that_had_been_bent_is_named(self, measured):
+        data, model = measured((("drive_compliance", 2.0),))
+        step = add(model, data, "drive_compliance")
+        assert len(step.moved()) > 3 and step.moved()[0][2] > 2
+
+    def test_messages(self, measured):
+        data, model = measured()
+        with pytest.raises(EffectError, match="did you mean 'backlash'"):
+            add(model, data, "backlsh")
+        with pytest.raises(EffectError, match="no effects to drop"):
+            drop(model, data, "backlash")
+        bare = replace(data, columns={})
+        with pytest.raises(EffectError, match="needs columns that the data do not have: time"):
+            add(model, bare, "base_drift")
+
+
+USER = """
+import numpy as np
+from pcalib.effects import Contribution, EffectParameter
+class {name}:
+    name = "{snake}"
+    parameters = (EffectParameter("size", "{unit}", {prior}),)
+    needs = {needs}
+    def contribution(self, at, theta):
+        return {body}
+"""
+
+
+def own(tmp_path, robot, name, body, unit="urad", prior="1e-4", needs="()"):
+    file = tmp_path / f"{name.lower()}.py"
+    file.write_text(USER.format(name=name, snake=name.lower(), unit=unit, prior=prior, needs=needs, body=body))
+    return parse(f"{file}:{name}", robot)
+
+
+class TestOwnEffects:
+    def test_the_unexplained_is_explained_by_ten_lines_of_the_users(self, measured, robot, tmp_path):
+        """Encoders that warm up: in no library; the map shows motor angles by temperature, and ten lines do."""
+        data, model = measured((("encoder_warming", 4.0),))
+        alone = diagnose(model, data, n_draws=ENOUGH_DRAWS)
+        assert alone.verdict == "unexplained"
+        assert (alone.cells[0].channel, alone.cells[0].variable) == ("actuator", "temp_base")
+        body = 'Contribution(actuator=theta * (at.column("temp_base") - 20)[:, None] * np.ones(3))'
+        effect = own(tmp_path, robot, "Warm", body, "urad_K", "1e-5", '("temp_base",)')
+        found = diagnose(model, data, [effect], n_draws=ENOUGH_DRAWS)
+        assert found.established == ("warm",)
+        step = add(model, data, effect.spec, [effect])
+        assert step.fell and step.after.fit.chi2_dof < 1.25
+        assert add(model, data, "warm", [effect]).after.fit.chi2_dof == pytest.approx(step.after.fit.chi2_dof)
+
+    def test_kinship(self, robot, tmp_path):
+        twin = own(tmp_path, robot, "Twin", "Contribution(actuator=theta[0] * at.torque)", "urad_Nm", "2e-5")
+        assert any("no different from drive_compliance" in line for line in kinship(twin, robot))
+        offset = own(tmp_path, robot, "Offset", "Contribution(actuator=theta[0] * np.ones_like(at.q))")
+        assert "The geometry absorbs it" in kinship(offset, robot)[0]
+        new = own(tmp_path, robot, "Wave", "Contribution(actuator=theta[0] * np.sin(7 * at.q))")
+        assert len(kinship(new, robot)) == 1
+
+
+def test_outliers_are_a_finding_and_do_not_decide(measured):
+    data, model = measured((("thermal_arms", 1.0),))
+    position = data.position.copy()
+    position[[5, 60]] += [1e-3, -5e-4, 8e-4]
+    found = diagnose(
+        identification.fit(replace(data, position=position), model).model,
+        replace(data, position=position),
+        n_draws=ENOUGH_DRAWS,
+    )
+    assert sorted(found.problem.set_aside) == [5, 60]
+    assert "thermal_arms" in found.established
+    assert any("far from everything" in line and str(int(data.lines[5])) in line for line in telling.details(found))
