@@ -29,6 +29,8 @@ from pcalib.errors import InputError, ReachError, unknown
 from pcalib.robot import Robot
 
 NAMES = ("random", "border", "plain", "rich")
+OPTIMAL = "d-optimal"
+"""A plan that only the core can make: `bench.jobs.optimal`."""
 STREAM = 0x91A
 PAYLOADS = (0.0, 1.0, 2.0)
 """[kg] of a rich plan, unless others are asked for."""
@@ -85,13 +87,11 @@ def make(
     if str(name) not in NAMES:
         path = Path(name)
         if not path.suffix and not path.exists():
-            raise InputError(unknown("plan", str(name), [*NAMES, "a CSV or Parquet file"]))
-        if check < 0:
-            raise InputError(f"a plan with {check} rows to check makes no sense", remedy="leave --check out for none")
+            raise InputError(unknown("plan", str(name), [*NAMES, OPTIMAL, "a CSV or Parquet file"]))
+        sensible(1, check)
         plan = _of_file(robot, path, tools, payloads)
-        return _with_checks(robot, plan, check, seed, solver) if check else plan
-    if n < 1 or check < 0:
-        raise InputError(f"a plan of {n} rows and {check} to check makes no sense", remedy="ask for one row at least")
+        return with_checks(robot, plan, check, seed, solver) if check else plan
+    sensible(n, check)
     total = n + check
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, NAMES.index(str(name)))))
     distinct = total
@@ -118,6 +118,18 @@ def make(
     if name == "rich":
         columns["time"] = PACE * np.arange(len(row))
     return Plan(Commands(q[row], tool[row], payload[row], columns), pose_id, held[row], str(name))
+
+
+def sensible(n: int, check: int) -> None:
+    """Refuse numbers of rows that make no plan.
+
+    Raises:
+        InputError: they do not.
+    """
+    if n < 1:
+        raise InputError(f"a plan of {n} rows makes no sense", remedy="ask for one row at least")
+    if check < 0:
+        raise InputError(f"{check} rows to check make no sense", remedy="leave --check out for none")
 
 
 def _last(repeats: np.ndarray, rows: int) -> np.ndarray:
@@ -212,7 +224,7 @@ def _weather(n: int, generator: np.random.Generator) -> dict[str, np.ndarray]:
     }
 
 
-def _with_checks(robot: Robot, plan: Plan, check: int, seed: int, solver: Solver | None) -> Plan:
+def with_checks(robot: Robot, plan: Plan, check: int, seed: int, solver: Solver | None = None) -> Plan:
     """A plan and `check` held-out rows after it: random poses, each with all conditions of some row of the plan."""
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, len(NAMES))))
     q = _poses(robot, check, generator, solver or partial(reach, Machine(robot)), border=False)

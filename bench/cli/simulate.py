@@ -2,6 +2,7 @@
 
     pcbench simulate truth.toml --plan random -n 40 -o data.csv
     pcbench simulate truth.toml --plan border -n 40 --check 20 --tool 0,0,0mm --tool 0,0,-300mm -o data.csv
+    pcbench simulate truth.toml --plan d-optimal -n 40 --check 20 -o data.csv
     pcbench simulate truth.toml --plan rich -n 120 --payload 0kg --payload 2kg --seed 7 -o data.csv
     pcbench simulate truth.toml --plan next.csv --check 20 -o more.csv
 """
@@ -38,9 +39,9 @@ def command(
     Args:
         truth: Truth file (TOML).
         output: Measurement file to write, CSV or Parquet.
-        plan: random, border, plain, rich, or a file of commands such as `pcalib next` writes.
+        plan: random, border, d-optimal, plain, rich, or a file of commands such as `pcalib next` writes.
         n: Rows to fit; a file brings its own.
-        check: Further rows, marked as held out: of the same plan, or random ones after those of a file.
+        check: Further rows, marked as held out: of the same plan, or random ones after d-optimal or a file's.
         tool: Measured point in the plate frame, e.g. 0,0,-300mm; may be given several times.
         payload: Mass at the tool, e.g. 1kg; may be given several times.
         seed: Of plan and noise: the same seed gives the same bytes.
@@ -67,11 +68,14 @@ def command(
     if seed < 0:
         raise InputError(f"--seed {seed} is negative", remedy="take any whole number from 0 on")
     hidden = truths.load(truth)
-    made = plans.make(
-        hidden.robot, plan, n, check=check, seed=seed,
-        tools=quantities(tool, "length", 3, "--tool"),
-        payloads=[float(v[0]) for v in quantities(payload, "mass", 1, "--payload")],
-    )  # fmt: skip
+    tools = quantities(tool, "length", 3, "--tool")
+    payloads = [float(v[0]) for v in quantities(payload, "mass", 1, "--payload")]
+    if plan == plans.OPTIMAL:
+        from bench.jobs import optimal
+
+        made = optimal.make(hidden.robot, hidden.instrument, n, check=check, tools=tools, payloads=payloads, seed=seed)
+    else:
+        made = plans.make(hidden.robot, plan, n, check=check, tools=tools, payloads=payloads, seed=seed)
     with frame.progress("measuring", len(made)) as advance:
         data = simulate.run(hidden, made, seed, workers, advance)
     sealed = simulate.truth_path(output)

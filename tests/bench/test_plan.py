@@ -122,7 +122,7 @@ def test_rows_to_check_follow_those_of_a_file(tmp_path):
     assert (c.payload[2:] > 0).sum() == 15 and c.columns["time"][2:].tolist() == [50 + 20 * i for i in range(1, 31)]
     assert np.array_equal(c.q, plans.make(ROBOT, file, check=30, seed=3).commands.q)
     assert not np.array_equal(c.q[2:], plans.make(ROBOT, file, check=30, seed=4).commands.q[2:])
-    with pytest.raises(InputError, match="-1 rows to check"):
+    with pytest.raises(InputError, match="-1 rows to check make no sense"):
         plans.make(ROBOT, file, check=-1)
 
 

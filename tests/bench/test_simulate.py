@@ -114,9 +114,22 @@ def test_entry_point_writes_data_and_sealed_truth(truth_file, tmp_path, capsys):
     assert main(["simulate", str(tmp_path / "data.truth.toml"), *arguments[2:]]) == 0 and out.read_bytes() == first
 
 
+def test_d_optimal_poses_and_random_ones_to_check(truth_file, tmp_path):
+    arguments = ["simulate", str(truth_file), "-n", "20", "--check", "8", "--tool", "0,0,-100mm"]
+    found = {}
+    for plan in ("d-optimal", "random"):
+        assert main([*arguments, "--plan", plan, "-o", str(tmp_path / f"{plan}.csv")]) == 0
+        data = measurement.load(tmp_path / f"{plan}.csv", truths.load(truth_file).robot)
+        assert data.check.tolist() == [False] * 20 + [True] * 8 and (data.tool[:, 2] == -0.1).all()
+        found[plan] = np.ptp(data.q[:20], axis=0)
+    assert (found["d-optimal"] > 1.05 * found["random"]).all()  # what tells most lies far out
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        (["--check", "-2"], "-2 rows to check make no sense"),
+        (["--plan", "d-optimal", "-n", "0"], "a plan of 0 rows makes no sense"),
         (["--tool", "0,0mm"], "needs 3 numbers"),
         (["--tool", "0,0,5"], "no unit"),
         (["--plan", "zigzag"], "unknown plan 'zigzag'"),
@@ -128,7 +141,7 @@ def test_entry_point_writes_data_and_sealed_truth(truth_file, tmp_path, capsys):
 )
 def test_bad_usage_is_one_message_and_writes_nothing(truth_file, tmp_path, capsys, change, message):
     arguments = ["simulate", str(truth_file), "-o", str(tmp_path / "data.csv"), "-n", "3"]
-    for option, value in (change,):
+    for option, value in zip(change[::2], change[1::2], strict=True):
         if option in arguments:
             arguments[arguments.index(option) + 1] = value
         else:

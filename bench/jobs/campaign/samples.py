@@ -10,8 +10,9 @@ import numpy as np
 from bench import plan as plans
 from bench.commands import Commands
 from bench.instrument import Instrument
+from bench.jobs import optimal
 from bench.jobs.campaign.cell import Plan
-from pcalib import kinematics, measurement, planning
+from pcalib import kinematics
 from pcalib.mechanism import Pose
 from pcalib.robot import Robot
 
@@ -22,19 +23,10 @@ def shared(robot: Robot, wanted: Plan, instrument: Instrument, seed: int) -> pla
         return listed(wanted.listed)
     if wanted.kind != "d-optimal":
         return None
-    v = instrument.values
-    q, tool = planning.plan(
-        robot,
-        wanted.poses,
-        tools=wanted.tools,
-        sigma_pos=v["sigma_pos"] or measurement.DEFAULT_SIGMA_POS,
-        sigma_rot=v["sigma_rot"] or measurement.DEFAULT_SIGMA_ROT,
-        rotations=v["kind"] == "pose",
-        candidates=wanted.candidates,
-        seed=seed,
-    )
-    payload = np.resize(wanted.payloads or [0.0], len(q))
-    return plans.Plan(Commands.of(q, tool, payload), np.full(len(q), -1), np.zeros(len(q), bool), wanted.kind)
+    return optimal.make(
+        robot, instrument, wanted.poses, tools=list(wanted.tools), payloads=wanted.payloads,
+        candidates=wanted.candidates, seed=seed,
+    )  # fmt: skip
 
 
 def own(robot: Robot, wanted: Plan, seed: int) -> plans.Plan:

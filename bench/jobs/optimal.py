@@ -1,0 +1,52 @@
+"""D-optimal plans: the core chooses the poses, from what the instrument sees and the noise it states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bench import plan as plans
+from bench.commands import Commands
+from bench.instrument import Instrument
+from pcalib import measurement, planning
+from pcalib.robot import Robot
+
+CANDIDATES = 600
+
+
+def make(
+    robot: Robot,
+    instrument: Instrument,
+    n: int,
+    *,
+    check: int = 0,
+    tools: Sequence[np.ndarray] = (),
+    payloads: Sequence[float] = (),
+    candidates: int = CANDIDATES,
+    seed: int = 0,
+) -> plans.Plan:
+    """The n commands of `candidates` random ones that tell most about the geometry, and `check` random ones after them.
+
+    Args:
+        tools: (3,) each [m, plate frame], of which each pose takes the one that tells most; payloads: [kg], in turn.
+
+    Raises:
+        InputError: numbers that make no plan.
+        ReachError: the workspace has too few poses that the robot can take.
+    """
+    plans.sensible(n, check)
+    v = instrument.values
+    q, tool = planning.plan(
+        robot,
+        n,
+        tools=np.array(tools) if len(tools) else None,
+        sigma_pos=v["sigma_pos"] or measurement.DEFAULT_SIGMA_POS,
+        sigma_rot=v["sigma_rot"] or measurement.DEFAULT_SIGMA_ROT,
+        rotations=v["kind"] == "pose",
+        candidates=candidates,
+        seed=seed,
+    )
+    commands = Commands.of(q, tool, np.resize(payloads or [0.0], len(q)))
+    plan = plans.Plan(commands, np.full(n, -1), np.zeros(n, bool), plans.OPTIMAL)
+    return plans.with_checks(robot, plan, check, seed) if check else plan
