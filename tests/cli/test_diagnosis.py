@@ -1,0 +1,213 @@
+"""The story on the command line: compare, diagnose, explain, add, drop, log, next, effect, join."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench import faults, simulate
+from bench import plan as plans
+from bench import truth as truths
+from bench.instrument import Instrument
+from pcalib import measurement, modelfile
+from pcalib import robot as robots
+from pcalib.cli import main
+
+ROBOT_FILE = Path(__file__).parents[2] / "models" / "delta.toml"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A data set with soft drives and the model fitted to it."""
+    where = tmp_path_factory.mktemp("story")
+    robot = robots.load(ROBOT_FILE)
+    errors = truths.draw_errors(robot, 1e-4, np.radians(0.05), 3)
+    truth = truths.Truth(
+        robot, errors, Instrument(sigma_pos=15e-6, sigma_rot=60e-6), (faults.typical(robot, "drive_compliance", 2.0),)
+    )
+    tools = [np.zeros(3), np.array([0.06, 0.0, -0.2])]
+    data = simulate.run(truth, plans.make(robot, "rich", 100, check=25, tools=tools, seed=3), 3).measurements
+    measurement.save(where / "data.csv", data)
+    assert main(["fit", str(where / "data.csv"), "--robot", str(ROBOT_FILE), "-o", str(where / "m.toml")]) == 0
+    return where
+
+
+@pytest.fixture
+def run(folder, monkeypatch, capsys):
+    """A function that runs a command in the folder: (code, stdout, stderr)."""
+    monkeypatch.chdir(folder)
+    capsys.readouterr()
+
+    def call(*argv):
+        code = main([str(a) for a in argv])
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+def test_compare(run, folder):
+    code, out, _ = run(
+        "compare", "data.csv", "--model", "m.toml", "--json", "c.json", "--report", "c.html", "--rrd", "c.rrd"
+    )
+    assert code == 0
+    assert out.splitlines()[0].startswith("Model and measurements differ by") and "motor angles by torque" in out
+    found = json.loads((folder / "c.json").read_text())
+    assert found["schema"] == "pcalib.comparison/1" and found["times_noise"] > 1.08
+    assert found["heatmap"][0]["channel"] == "actuator" and len(found["worst"]) == 5
+    page = (folder / "c.html").read_text()
+    assert page.count("<svg") == 1 and "http" not in page.replace("http://www.w3.org", "")
+    assert (folder / "c.rrd").stat().st_size > 10_000
+
+
+def test_diagnose(run, folder):
+    code, out, _ = run("diagnose", "data.csv", "-m", "m.toml", "--json", "d.json", "--report", "d.html")
+    assert code == 0
+    found = json.loads((folder / "d.json").read_text())
+    assert found["schema"] == "pcalib.diagnosis/1" and found["verdict"] in ("established", "ambiguous")
+    assert ["drive_compliance"] in found["adequate"]
+    assert out.splitlines()[0] == found["sentence"] or found["sentence"].startswith(out.splitlines()[0])
+    assert (folder / "d.html").read_text().count("<svg") == 2
+
+
+def test_explain(run, folder):
+    code, out, _ = run("explain", "drive_compliance", "data.csv", "-m", "m.toml", "--plot", "e.svg", "--json", "e.json")
+    assert code == 0 and "drive_compliance explains all there is" in out
+    assert (folder / "e.svg").read_text().startswith("<svg xmlns")
+    assert json.loads((folder / "e.json").read_text())["in_physical_range"]
+    code, out, _ = run("explain", "thermal_rods", "data.csv", "-m", "m.toml")
+    assert code == 0 and ("Nothing speaks for" in out or "not enough" in out)
+
+
+def test_add_log_drop_and_back(run, folder):
+    code, out, _ = run("add", "drive_compliance", "data.csv", "-m", "m.toml", "-o", "m2.toml", "--json", "a.json")
+    assert code == 0 and "confirmed" in out.splitlines()[0]
+    step = json.loads((folder / "a.json").read_text())
+    assert step["schema"] == "pcalib.add/1" and step["effect"] == "drive_compliance"
+    assert step["after"]["check"]["rms_pos_um"] < 0.8 * step["before"]["check"]["rms_pos_um"]
+    assert step["before"]["schema"] == step["after"]["schema"] == "pcalib.fit/1"
+
+    code, out, _ = run("log", "m2.toml", "--json", "l.json")
+    assert code == 0 and out.startswith("2 steps led to m2.toml")
+    assert [s["action"] for s in json.loads((folder / "l.json").read_text())["steps"]] == ["fit", "add"]
+
+    code, out, _ = run("drop", "drive_compliance", "data.csv", "-m", "m2.toml", "-o", "m3.toml")
+    assert code == 0 and "it was needed" in out
+    first, dropped = modelfile.load(folder / "m.toml"), modelfile.load(folder / "m3.toml")
+    np.testing.assert_allclose(dropped.k, first.k, atol=2e-7)
+    assert len(dropped.history) == 3
+
+    code, _, _ = run("log", "m3.toml", "--back-to", 2, "-o", "m4.toml")
+    assert code == 0
+    back, then = modelfile.load(folder / "m4.toml"), modelfile.load(folder / "m2.toml")
+    np.testing.assert_array_equal(back.k, then.k)
+    assert [f.spec for f in back.effects] == ["drive_compliance"] and len(back.history) == 4
+    code, _, err = run("log", "m3.toml", "--back-to", 9)
+    assert code == 2 and "steps 1 to 3" in err
+
+
+def test_add_in_place_keeps_the_way_back(run, folder):
+    (folder / "copy.toml").write_bytes((folder / "m.toml").read_bytes())
+    assert run("add", "backlash", "data.csv", "-m", "copy.toml")[0] == 0
+    assert len(modelfile.load(folder / "copy.toml").history) == 2
+
+
+def test_next_plans_what_tells_rivals_apart(run, folder):
+    argv = (
+        "next",
+        "data.csv",
+        "-m",
+        "m.toml",
+        "--between",
+        "drive_compliance,nothing",
+        "-n",
+        4,
+        "--payload",
+        "0kg",
+        "--payload",
+        "3kg",
+    )
+    code, out, _ = run(*argv, "-o", "plan.csv", "--json", "n.json")
+    assert code == 0 and out.startswith("Between drive_compliance and nothing")
+    lines = (folder / "plan.csv").read_text().splitlines()
+    assert lines[1].startswith("q1_deg,q2_deg,q3_deg") and "payload_kg" in lines[1] and len(lines) == 6
+    plan = json.loads((folder / "n.json").read_text())
+    assert len(plan["s_after"]) == 4 and max(plan["rows"]["payload_kg"]) == 3.0
+    truth = truths.Truth(robots.load(ROBOT_FILE), np.zeros(60), Instrument(sigma_pos=15e-6, sigma_rot=60e-6))
+    more = simulate.run(truth, plans.make(truth.robot, folder / "plan.csv"), 1).measurements
+    measurement.save(folder / "more.csv", more)
+    code, out, _ = run("join", "data.csv", "more.csv", "-o", "all.csv")
+    assert code == 0 and out.startswith("129 rows of 2 files")
+    joined = measurement.load(folder / "all.csv", truth.robot)
+    assert len(joined) == 129 and set(joined.pose_id[-4:]) == {-1}
+    assert run("next", "data.csv", "-m", "m.toml", "--between", "backlash")[0] == 2
+    assert "did you mean" in run("next", "data.csv", "-m", "m.toml", "--between", "backlsh,nothing")[2]
+
+
+def test_an_effect_of_the_users_own(run, folder):
+    code, out, _ = run("effect", "new", "SoftDrive")
+    assert code == 0 and "soft_drive.py" in out
+    assert run("effect", "new", "SoftDrive")[0] == 2  # never overwritten
+    file = folder / "soft_drive.py"
+    text = (
+        file.read_text()
+        .replace("np.sin(40 * at.q)", "at.torque")
+        .replace('"urad"', '"urad_Nm"')
+        .replace("1e-4", "2e-5")
+    )
+    file.write_text(text)
+    code, out, _ = run("effect", "check", "soft_drive.py:SoftDrive", "--robot", ROBOT_FILE)
+    assert code == 0 and "no different from drive_compliance" in out
+    code, out, _ = run("diagnose", "data.csv", "-m", "m.toml", "--effect-file", "soft_drive.py:SoftDrive")
+    assert code == 0 and "soft_drive" in out.split("Candidates")[0]
+    code, out, _ = run("add", "soft_drive.py:SoftDrive", "data.csv", "-m", "m.toml", "-o", "own.toml")
+    assert code == 0 and "confirmed" in out
+    code, _, err = run("compare", "data.csv", "-m", "own.toml")
+    assert code == 2 and "--effect-file" in err  # code runs only where it is named
+    code, out, _ = run("compare", "data.csv", "-m", "own.toml", "--effect-file", "soft_drive.py:SoftDrive")
+    assert code == 0 and "No pattern stands out" in out
+    assert (
+        run(
+            "drop",
+            "soft_drive",
+            "data.csv",
+            "-m",
+            "own.toml",
+            "-o",
+            "x.toml",
+            "--effect-file",
+            "soft_drive.py:SoftDrive",
+        )[0]
+        == 0
+    )
+    file.write_text(text.replace("theta[0] *", "theta[1] *"))
+    code, _, err = run("diagnose", "data.csv", "-m", "m.toml", "--effect-file", "soft_drive.py:SoftDrive")
+    assert code == 2 and "soft_drive.py:" in err and "IndexError" in err and "Traceback" not in err
+
+
+def test_effect_list(run):
+    code, out, _ = run("effect", "list", "--robot", ROBOT_FILE)
+    assert code == 0 and "play in the drives" in out
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (("diagnose", "data.csv", "-m", "none.toml"), "no such file"),
+        (("diagnose", "none.csv", "-m", "m.toml"), "no such file"),
+        (("diagnose", "data.csv", "-m", "m.toml", "--most", "7"), "1, 2 or 3"),
+        (("explain", "backlsh", "data.csv", "-m", "m.toml"), "did you mean 'backlash'"),
+        (("explain", "gravity_tilt", "data.csv", "-m", "m.toml"), "compliance"),
+        (("explain", "backlash", "data.csv", "-m", "m.toml", "--plot", "e.png"), "drawings are SVG"),
+        (("add", "backlsh", "data.csv", "-m", "m.toml"), "did you mean 'backlash'"),
+        (("drop", "backlash", "data.csv", "-m", "m.toml"), "no effects to drop"),
+        (("effect", "change"), "unknown action"),
+        (("effect", "check", "x.py:Y"), "--robot is needed"),
+    ],
+)
+def test_bad_input_is_one_message(run, argv, message):
+    code, _, err = run(*argv)
+    assert code == 2 and message in err and "Traceback" not in err
