@@ -59,7 +59,7 @@ def test_compare(run, folder):
     assert found["schema"] == "pcalib.comparison/1" and found["times_noise"] > 1.08
     assert found["heatmap"][0]["channel"] == "actuator" and len(found["worst"]) == 5
     page = (folder / "c.html").read_text()
-    assert page.count("<svg") == 1 and "http" not in page.replace("http://www.w3.org", "")
+    assert page.count("<svg") == 1 and "://" not in page
     assert (folder / "c.rrd").stat().st_size > 10_000
 
 
