@@ -21,7 +21,7 @@ from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, 
 from pcalib.effects.base import Effect
 from pcalib.measurement import Measurements
 from pcalib.model import Model
-from pcalib.unknowns import unknowns_of
+from pcalib.unknowns import Unknowns, unknowns_of
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
     unknowns = unknowns_of(model, model.level, model.effects, fit.frame == "tracker")
     linear = linearisation.linearise(model, fit, unknowns)
     point = Point.of(model, linear.prediction, linearisation.conditions_of(fit))
-    nuisance = linear.jacobian * unknowns.scale
+    nuisance = linear.jacobian * unknowns.scale * _spread(model, unknowns)
 
     def whiten(columns: np.ndarray) -> np.ndarray:
         return _gather(_padded(fit, columns), linear.row, linear.component)
@@ -155,6 +155,16 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
         tuple(found), tuple(cells), tuple(unavailable), noises.as_stated(fit), eye,
         Outliers(np.zeros(0, int), np.zeros(0)), fit,
     )  # fmt: skip
+
+
+def _spread(model: Model, unknowns: Unknowns) -> np.ndarray:
+    """(n,) by how much each unknown's prior must be widened for this robot: geometry by its own errors, never less."""
+    out = np.ones(len(unknowns.names))
+    g = unknowns.n_geometry
+    if g:
+        errors = unknowns.coordinates(model.errors) / unknowns.scale[:g]
+        out[:g] = np.clip(np.sqrt(np.mean(errors**2)), 1.0, 100.0)
+    return out
 
 
 def _blocks(made: Problem) -> Blocks:

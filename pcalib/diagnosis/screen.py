@@ -22,8 +22,9 @@ ALIAS = 1e-4
 """Sine of the angle below which a direction counts as contained in what is already allowed for."""
 INVISIBLE = 0.5
 """Noise units: directions that ten times the usual size of an effect moves by less than this cannot be seen."""
-NUISANCE = 1e-3
-"""Noise units per prior σ: weaker directions of what the model has are held by the priors and not projected out."""
+NUISANCE = 0.05
+"""Noise units per prior σ: weaker directions of what the model has are held by the priors and not projected out. To
+project them too would hide effects behind lengths that are wrong by many times their tolerance."""
 REST = 10
 """Directions outside every group that are enough to be tested as one."""
 KNOWN = 1e6
