@@ -49,7 +49,7 @@ _OF_DRIVES = {
 
 
 STIFFEST = 1e13
-"""[N/m, N·m/rad] springs are no stiffer: this one gives way by less than rounding, and leaves room for soft ones."""
+"""[N/m, N·m/rad] what is stiffer is rigid: it would give way by picometres, and leave soft springs no digits."""
 
 
 class Fault:
@@ -138,7 +138,7 @@ class Fault:
     # -- for subclasses ------------------------------------------------------------------------------------------
 
     def beside(self, spec: mujoco.MjSpec, actuator: str, suffix: str, stiffness: float = 0.0) -> mujoco.MjsJoint:
-        """A further joint on the axis of an actuator, in series with it: a spring, or held where it is zero."""
+        """A further joint on the axis of an actuator, in series with it: a spring, or held, see :meth:`joint`."""
         geared = [e.name1 for e in spec.equalities if e.type == mujoco.mjtEq.mjEQ_JOINT and e.name2 == actuator]
         motor = spec.joint(geared[0] if geared else actuator)  # the joint that bears the load
         joint = motor.parent.add_joint(name=f"{actuator}.{suffix}", type=motor.type, pos=motor.pos, axis=motor.axis)
@@ -148,7 +148,8 @@ class Fault:
     def joint(
         self, body: mujoco.MjsBody, name: str, kind: str, axis: tuple[float, float, float], stiffness: float = 0.0
     ) -> mujoco.MjsJoint:
-        """A 'hinge' or 'slide' that lets a body move against its parent: a spring, or held where it is zero."""
+        """A 'hinge' or 'slide' that lets a body move against its parent: a spring, or held if of no stiffness, or of
+        more than STIFFEST."""
         types = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
         joint = body.add_joint(name=name, type=types[kind], axis=axis)
         self._enlist(joint, stiffness)
@@ -177,8 +178,8 @@ class Fault:
     def _enlist(self, joint: mujoco.MjsJoint, stiffness: float) -> None:
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         joint.armature = 1e-4  # joints in series would have no inertia of their own; at rest it makes no difference
-        if stiffness:
-            joint.stiffness[0] = min(stiffness, STIFFEST)
+        if 0 < stiffness <= STIFFEST:
+            joint.stiffness[0] = stiffness
             self.springs.append(joint.name)
         else:
             self.held.append(joint.name)

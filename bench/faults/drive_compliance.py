@@ -28,7 +28,7 @@ class DriveCompliance(Fault):
         for name, compliance in zip(self.robot.mechanism.actuators, self.values["compliance"], strict=True):
             if compliance:
                 spring = self.beside(spec, name, "spring", 1.0 / compliance)
-                spring.stiffness[2] = self.values["hardening"] / compliance * 1e6
+                spring.stiffness[2] = spring.stiffness[0] * self.values["hardening"] * 1e6
 
 
 FAULT = DriveCompliance

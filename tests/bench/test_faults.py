@@ -1,15 +1,17 @@
 """Every fault against an estimate that shares nothing with the bench: virtual work, beam theory, closed forms.
 
-The estimates take geometry from `pcalib.kinematics` and forces from differences of the potential energy of all masses,
-written out below. Each deflection must agree within 1 % of its RMS over the poses; what remains is of second order
-(loads at the deflected instead of the rigid pose).
+Nor with `pcalib`, but for names and values: the Delta's closure is written out and solved below, with rotations of
+SciPy, and forces come from differences of the potential energy of all masses. Each deflection must agree within 1 % of
+its RMS over the poses; what remains is of second order (loads at the deflected instead of the rigid pose).
 """
 
 import time as clock
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench import faults, simulate
 from bench import truth as truths
@@ -18,10 +20,7 @@ from bench.instrument import Instrument
 from bench.kinds import MODELS
 from bench.machine import Machine
 from bench.plan import Plan
-from pcalib import kinematics, rotation
 from pcalib import robot as robots
-from pcalib.errors import InputError, ReachError
-from pcalib.kinematics import Deviation
 
 ROBOT = robots.load(MODELS / "delta.toml")
 MECHANISM, MASS = ROBOT.mechanism, ROBOT.mass
@@ -38,12 +37,6 @@ TIME = np.sort(RNG.uniform(0, 7200, N))
 TIME[0] = 0.0
 WARM = {f"temp_{part}": RNG.uniform(12, 32, N) for part in ("arms", "rods", "base")}
 COMMANDS = Commands.of(Q, TOOL, PAYLOAD, time=TIME, **WARM, **{f"dir{i + 1}": DIRECTION[:, i] for i in range(3)})
-ARM = np.repeat(np.arange(3), 2)
-E0 = rotation.exp(K[MECHANISM.actuation.beta]) @ rotation.about(np.array([0, 0, 1.0]), ROBOT.dimensions["axis_azimuth"])
-"""(3, 3, 3) arm frames at q = 0, base axes."""
-
-
-NOTHING = Deviation()
 
 
 def land(*present, commands=COMMANDS):
@@ -59,80 +52,133 @@ def typical(name, scale=1.0):
     return faults.typical(ROBOT, name, scale)
 
 
+ESTIMATED = set()
+"""Faults that a test of this file estimates by other means."""
+
+
+def estimates(*names):
+    ESTIMATED.update(names)
+    return lambda test: test
+
+
 # -- the independent side ----------------------------------------------------------------------------------------
 
-
-def pose(deviation=NOTHING, k=K, q=Q):
-    solution = kinematics.forward(MECHANISM, k, q, deviation=deviation)
-    assert solution.ok.all()
-    return solution.pose
+ARM = np.repeat(np.arange(3), 2)
+VALUE = dict(zip(MECHANISM.parameters, K, strict=True))
+RODS = [f"{i}{j}" for i in (1, 2, 3) for j in (1, 2)]
 
 
-def tcp(deviation=NOTHING, k=K, q=Q):
-    return pose(deviation, k, q).tcp(TOOL)
+def turned(vector):
+    """Rotation matrices (…, 3, 3) of rotation vectors (…, 3)."""
+    vector = np.asarray(vector, float)
+    return Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix().reshape(*vector.shape, 3)
 
 
-def masses(deviation=NOTHING):
-    """[(mass, centre of mass (N, 3))] of arms, rods, plate and payload."""
-    where = pose(deviation)
-    side = kinematics.base_side(MECHANISM, K, Q, deviation)
-    B = where.x[:, None] + (where.R[:, None] @ plate_points(deviation)[..., None])[..., 0]
-    angle = Q if deviation.actuator is None else Q + deviation.actuator
-    reach = rotation.about(np.array([1.0, 0, 0]), angle) @ np.array([0, MASS["arm_com"], 0])
-    arms = K[MECHANISM.actuation.p] + (E0 @ reach[..., None])[..., 0]
-    out = [(MASS["arm"], arms[:, i]) for i in range(3)]
-    out += [(MASS["rod"], 0.5 * (side.A[:, r] + B[:, r])) for r in range(6)]
-    return [*out, (MASS["plate"], where.x), (PAYLOAD, where.tcp(TOOL))]
+def about(axis, angle):
+    return turned(np.asarray(angle)[..., None] * np.array(axis, float))
 
 
-def plate_points(deviation):
-    b = K[MECHANISM.plate_columns]
-    return np.broadcast_to(b, (N, 6, 3)) if deviation.plate is None else b + deviation.plate
+def points(letter, tags):
+    return np.array([[VALUE[f"{letter}{tag}.{axis}"] for axis in "xyz"] for tag in tags])
 
 
-def energy(deviation=NOTHING, g=ROBOT.gravity):
-    """Potential energy of the weights, (N,) [J]."""
-    return -sum(m * (r @ g) for m, r in masses(deviation))
+E0 = turned(points("beta", "123")) @ about([0, 0, 1], np.radians([60, 180, 300]))
+"""(3, 3, 3) arm frames at q = 0, base axes."""
 
 
-def loads(deviation_of, count, potential=energy, step=1e-5):
+@dataclass(frozen=True)
+class Delta:
+    """The Delta for the N commands, by the words of the conventions; what deviates is added. All in SI."""
+
+    q: np.ndarray
+    p: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    length: np.ndarray
+    elbow: np.ndarray
+    """Further displacement of the elbow points, base axes."""
+
+    @property
+    def elbows(self):
+        """(N, 6, 3) in the base frame."""
+        arm = E0 @ about([1, 0, 0], self.q)  # (N, 3, 3, 3)
+        return self.p[..., ARM, :] + (arm[:, ARM] @ self.a[..., None])[..., 0] + self.elbow
+
+    def pose(self):
+        """Plate position (N, 3) and orientation (N, 3, 3): Newton on |A − B| = l from a level plate."""
+        A = self.elbows
+        x, R = np.tile([0.0, 0.0, -0.8], (N, 1)), np.tile(np.eye(3), (N, 1, 1))
+        for _ in range(12):
+            b = (R[:, None] @ self.b[..., None])[..., 0]
+            rod = x[:, None] + b - A
+            far = np.linalg.norm(rod, axis=2)
+            n = rod / far[..., None]
+            J = np.concatenate([n, np.cross(b, n)], axis=2)
+            step = np.linalg.solve(J, (self.length - far)[..., None])[..., 0]
+            x, R = x + step[:, :3], turned(step[:, 3:]) @ R
+        assert np.abs(step).max() < 1e-13 and (x[:, 2] < A[..., 2].min(axis=1)).all() and (R[:, 2, 2] > 0.9).all()
+        return x, R
+
+    def tcp(self, tool=TOOL):
+        x, R = self.pose()
+        return x + (R @ np.asarray(tool)[..., None])[..., 0]
+
+    def masses(self):
+        """[(mass, centre of mass (N, 3))] of arms, rods, plate and payload."""
+        x, R = self.pose()
+        arms = self.p + E0 @ about([1, 0, 0], self.q) @ [0, MASS["arm_com"], 0]
+        rods = 0.5 * (self.elbows + x[:, None] + (R[:, None] @ self.b[..., None])[..., 0])
+        out = [(MASS["arm"], arms[:, i]) for i in range(3)] + [(MASS["rod"], rods[:, r]) for r in range(6)]
+        return [*out, (MASS["plate"], x), (PAYLOAD, x + (R @ TOOL[..., None])[..., 0])]
+
+    def energy(self, g=ROBOT.gravity):
+        """Potential energy of the weights, (N,) [J]."""
+        return -sum(m * (r @ g) for m, r in self.masses())
+
+
+LENGTHS = np.array([VALUE[f"l{rod}"] for rod in RODS])
+DELTA = Delta(Q, points("p", "123"), points("a", RODS), points("b", RODS), LENGTHS, elbow=np.zeros(3))
+
+
+def drive(s):
+    return replace(DELTA, q=Q + s)
+
+
+def stretch(s):
+    return replace(DELTA, length=DELTA.length + s)
+
+
+def loads(deviates, count, energy=Delta.energy, step=1e-5):
     """Generalised forces −∂U/∂s (N, count) on coordinates s by central differences at s = 0."""
     out = np.empty((N, count))
     for j in range(count):
         s = np.zeros((N, count))
         s[:, j] = step
-        out[:, j] = -(potential(deviation_of(s)) - potential(deviation_of(-s))) / (2 * step)
+        out[:, j] = -(energy(deviates(s)) - energy(deviates(-s))) / (2 * step)
     return out
 
 
 def assert_close(landing, estimate, rigid=None, percent=1.0, least=1e-7):
     """Deflections of the TCP within a percentage of their RMS."""
     reference = RIGID.tcp if rigid is None else rigid
-    moved, expected = landing.tcp - reference, estimate - (tcp() if rigid is None else rigid)
+    moved, expected = landing.tcp - reference, estimate - (DELTA.tcp() if rigid is None else rigid)
     size = np.sqrt(np.mean(np.sum(moved**2, axis=1)))
     assert size > least
     assert np.linalg.norm(moved - expected, axis=1).max() <= 0.01 * percent * size
 
 
-def drive(s):
-    return Deviation(actuator=s)
-
-
-def stretch(s):
-    return Deviation(rod=s)
-
-
 def test_the_rigid_robots_agree():
-    assert np.abs(tcp() - RIGID.tcp).max() < 1e-11
+    assert np.abs(DELTA.tcp() - RIGID.tcp).max() < 1e-11
 
 
 # -- springs -----------------------------------------------------------------------------------------------------
 
 
+@estimates("drive_compliance")
 @pytest.mark.parametrize("compliance", [np.full(3, 16e-6), np.array([5e-6, 0.0, 40e-6])])
 def test_drive_compliance(compliance):
     landing = land(faults.get("drive_compliance")(ROBOT, compliance=compliance, hardening=0.0))
-    assert_close(landing, tcp(drive(compliance * loads(drive, 3))))
+    assert_close(landing, drive(compliance * loads(drive, 3)).tcp())
 
 
 def test_drive_compliance_that_hardens():
@@ -143,17 +189,19 @@ def test_drive_compliance_that_hardens():
         f = angle / compliance * (1 + h * angle**2 * 1e6) - torque
         angle = angle - f * compliance / (1 + 3 * h * angle**2 * 1e6)
     fault = faults.get("drive_compliance")(ROBOT, compliance=np.full(3, compliance), hardening=h)
-    assert_close(land(fault), tcp(drive(angle)), percent=1.0)
+    assert_close(land(fault), drive(angle).tcp(), percent=1.0)
     soft = compliance * torque
     assert np.abs(soft - angle).max() > 0.2 * np.abs(soft).max()
 
 
+@estimates("rod_compliance")
 @pytest.mark.parametrize("compliance", [np.full(6, 5e-8), np.array([1e-7, 0, 0, 2e-8, 0, 3e-7])])
 def test_rod_compliance(compliance):
     landing = land(faults.get("rod_compliance")(ROBOT, compliance=compliance))
-    assert_close(landing, tcp(stretch(compliance * loads(stretch, 6))))
+    assert_close(landing, stretch(compliance * loads(stretch, 6)).tcp())
 
 
+@estimates("arm_bending")
 @pytest.mark.parametrize(("vertical", "lateral"), [(2e-7, 0.0), (0.0, 2e-7), (3e-7, 1e-7)])
 def test_arm_bending_is_an_euler_bernoulli_cantilever(vertical, lateral):
     """Ritz with w = c₂y² + c₃y³ + c₄y⁴, exact for forces and moments at the tip and uniform weight."""
@@ -161,8 +209,8 @@ def test_arm_bending_is_an_euler_bernoulli_cantilever(vertical, lateral):
     powers = np.array([2, 3, 4])
     curve = powers * (powers - 1)
     elastic = curve[:, None] * curve / (np.add.outer(powers, powers) - 3) * L ** (np.add.outer(powers, powers) - 3.0)
-    frame = E0 @ rotation.about(np.array([1.0, 0, 0]), Q)  # (N, 3, 3, 3) arm frames
-    beside = K[MECHANISM.actuation.a] - [0, L, 0]
+    frame = E0 @ about([1, 0, 0], Q)  # (N, 3, 3, 3) arm frames
+    beside = DELTA.a - [0, L, 0]
     ways = [np.array([0, 0, 1.0]), np.array([1.0, 0, 0])]
     axes = [np.array([1.0, 0, 0]), np.array([0, 0, -1.0])]  # a turn about these lifts the tip along its way
 
@@ -175,7 +223,7 @@ def test_arm_bending_is_an_euler_bernoulli_cantilever(vertical, lateral):
             for r in range(6):
                 local = tip[:, ARM[r], None] * ways[way] + turn[:, ARM[r], None] * np.cross(axes[way], beside[r])
                 elbow[:, r] += (frame[:, ARM[r]] @ local[..., None])[..., 0]
-        return Deviation(elbow=elbow)
+        return replace(DELTA, elbow=elbow)
 
     force = np.concatenate([loads(bend, 18, step=1e-4)], axis=0).reshape(N, 2, 3, 3)
     weight = MASS["arm"] / L * L ** (powers + 1.0) / (powers + 1)  # ∫ (m/L)·yᵖ dy
@@ -186,69 +234,75 @@ def test_arm_bending_is_an_euler_bernoulli_cantilever(vertical, lateral):
             total = force[:, way] + along[..., None] * weight
             s[:, way] = np.linalg.solve(L**3 / (3 * compliance) * elastic, total[..., None])[..., 0]
     fault = faults.get("arm_bending")(ROBOT, vertical=np.full(3, vertical), lateral=np.full(3, lateral))
-    assert_close(land(fault), tcp(bend(s.reshape(N, 18))))
+    assert_close(land(fault), bend(s.reshape(N, 18)).tcp())
 
 
+@estimates("tool_bending")
 def test_tool_bending_is_a_cantilever_under_its_payload():
-    where, c = pose(), 2e-6
+    R, c = DELTA.pose()[1], 2e-6
     h = np.linalg.norm(TOOL, axis=1, keepdims=True)
-    along = (where.R @ (TOOL / h)[..., None])[..., 0]
+    along = (R @ (TOOL / h)[..., None])[..., 0]
     weight = PAYLOAD[:, None] * ROBOT.gravity
     across = weight - along * np.sum(along * weight, axis=1, keepdims=True)
     landing = land(typical("tool_bending"))
-    assert_close(landing, tcp() + c * (h / 0.1) ** 3 * across, percent=1.0)
+    assert_close(landing, DELTA.tcp() + c * (h / 0.1) ** 3 * across, percent=1.0)
     assert np.abs(landing.R - RIGID.R).max() < 1e-11  # the plate does not turn
 
 
+@estimates("plate_flexing")
 def test_plate_flexing():
     def flex(s):
-        return Deviation(plate=s[:, :, None] * [0, 0, 1.0])
+        return replace(DELTA, b=DELTA.b + s[:, :, None] * [0, 0, 1.0])
 
-    assert_close(land(typical("plate_flexing")), tcp(flex(1e-7 * loads(flex, 6))))
+    assert_close(land(typical("plate_flexing")), flex(1e-7 * loads(flex, 6)).tcp())
 
 
+@estimates("frame_bending")
 def test_frame_bending_tilts_the_robot_by_its_overhanging_weight():
     c, hinge = 2e-7, np.array([0, 0, 0.5])
-    moment = sum(np.cross(r - hinge, np.multiply.outer(np.broadcast_to(m, N), ROBOT.gravity)) for m, r in masses())
-    turn = rotation.exp(c * moment * [1, 1, 0])
-    assert_close(land(typical("frame_bending")), hinge + (turn @ (tcp() - hinge)[..., None])[..., 0], least=1e-7)
+    weights = ((r - hinge, np.broadcast_to(m, N)[:, None] * ROBOT.gravity) for m, r in DELTA.masses())
+    moment = sum(np.cross(arm, weight) for arm, weight in weights)
+    turn = turned(c * moment * [1, 1, 0])
+    assert_close(land(typical("frame_bending")), hinge + (turn @ (DELTA.tcp() - hinge)[..., None])[..., 0], least=1e-7)
 
 
+@estimates("hose")
 def test_hose_pulls_through_whatever_gives_way():
     fault, soft = typical("hose"), typical("drive_compliance")
     anchor, low, k, rest = (fault.values[name] for name in ("anchor", "plate", "stiffness", "rest_length"))
 
-    def pulled(deviation=NOTHING):
-        where = pose(deviation)
-        length = np.linalg.norm(where.tcp(low) - anchor, axis=1)
+    def pulled(robot):
+        length = np.linalg.norm(robot.tcp(low) - anchor, axis=1)
         assert (length > rest).all()
-        return energy(deviation) + 0.5 * k * (length - rest) ** 2
+        return robot.energy() + 0.5 * k * (length - rest) ** 2
 
     without = land(soft).tcp
     pull = 16e-6 * (loads(drive, 3, pulled) - loads(drive, 3))
-    assert_close(land(soft, fault), without + tcp(drive(pull)) - tcp(), rigid=without)
+    assert_close(land(soft, fault), without + drive(pull).tcp() - DELTA.tcp(), rigid=without)
     assert np.abs(land(fault).tcp - RIGID.tcp).max() < 1e-11  # a rigid robot does not feel it
 
 
+@estimates("gravity_tilt")
 def test_gravity_tilt_is_felt_through_a_compliance():
     soft, tilt = typical("drive_compliance"), typical("gravity_tilt")
-    g = rotation.exp(np.array([5e-3, -3e-3, 0])) @ ROBOT.gravity
+    g = turned([5e-3, -3e-3, 0]) @ ROBOT.gravity
     without = land(soft).tcp
-    more = 16e-6 * (loads(drive, 3, lambda d: energy(d, g)) - loads(drive, 3))
-    assert_close(land(soft, tilt), without + tcp(drive(more)) - tcp(), rigid=without, least=1e-8)
+    more = 16e-6 * (loads(drive, 3, lambda robot: robot.energy(g)) - loads(drive, 3))
+    assert_close(land(soft, tilt), without + drive(more).tcp() - DELTA.tcp(), rigid=without, least=1e-8)
     assert np.abs(land(tilt).tcp - RIGID.tcp).max() < 1e-11
 
 
 # -- gaps and friction -------------------------------------------------------------------------------------------
 
 
+@estimates("backlash")
 def test_backlash_by_direction_and_by_load():
     half = 3e-4
-    assert_close(land(typical("backlash")), tcp(drive(-half * DIRECTION)))
+    assert_close(land(typical("backlash")), drive(-half * DIRECTION).tcp())
     by_load = faults.get("backlash")(ROBOT, gap=np.full(3, 2 * half), side="load")
     side = np.sign(loads(drive, 3))
-    assert (side > 0).any() or (side < 0).any()
-    assert_close(land(by_load), tcp(drive(half * side)))
+    assert (side < 0).all()  # nothing lifts the arms here; see below for a load that does
+    assert_close(land(by_load), drive(half * side).tcp())
     quiet = Commands.of(Q, TOOL, PAYLOAD)  # no direction known: the load decides
     assert np.abs(land(typical("backlash"), commands=quiet).tcp - land(by_load).tcp).max() < 1e-12
 
@@ -265,15 +319,17 @@ def test_backlash_flips_where_the_load_does():
     assert down < rigid < lifted and np.isclose(rigid - down, lifted - rigid, rtol=0.01)
 
 
+@estimates("joint_clearance")
 def test_joint_clearance_takes_the_side_of_the_rod_force():
     tension = loads(stretch, 6)
     assert (tension < 0).any() and (tension > 0).any()
-    assert_close(land(typical("joint_clearance")), tcp(stretch(5e-6 * np.sign(tension))))
+    assert_close(land(typical("joint_clearance")), stretch(5e-6 * np.sign(tension)).tcp())
 
 
+@estimates("friction_hysteresis")
 def test_friction_hysteresis_winds_up_with_the_load():
     wind = -DIRECTION * 1e-5 * np.abs(loads(drive, 3))
-    assert_close(land(typical("friction_hysteresis")), tcp(drive(wind)))
+    assert_close(land(typical("friction_hysteresis")), drive(wind).tcp())
 
 
 def test_friction_hysteresis_equals_a_spring_slider_driven_through_its_loop():
@@ -302,6 +358,7 @@ def test_friction_hysteresis_equals_a_spring_slider_driven_through_its_loop():
 # -- encoders and gears ------------------------------------------------------------------------------------------
 
 
+@estimates("encoder_eccentricity", "encoder_ovality", "gear_ratio", "gear_ripple", "encoder_warming")
 @pytest.mark.parametrize(
     ("name", "shift"),
     [
@@ -313,7 +370,7 @@ def test_friction_hysteresis_equals_a_spring_slider_driven_through_its_loop():
     ],
 )
 def test_encoders_and_gears(name, shift):
-    assert_close(land(typical(name)), tcp(drive(shift)))
+    assert_close(land(typical(name)), drive(shift).tcp())
 
 
 def test_an_eccentric_disc_seen_by_its_head():
@@ -327,40 +384,57 @@ def test_an_eccentric_disc_seen_by_its_head():
         assert np.isclose(read, -np.arctan2(line[1], line[0]), atol=1e-15)
 
 
+def test_a_tilted_disc_seen_by_its_head():
+    """The disc as a plane in space: where the line of sight, along the shaft, meets it."""
+    tilt, phase = 0.3, 0.8  # about a line of the disc at this angle
+    amplitude = np.tan(tilt / 2) ** 2
+    fault = faults.get("encoder_ovality")(ROBOT, amplitude=np.full(3, amplitude), phase=np.full(3, phase))
+    shaft = np.array([0.4, -1.1, 0.9])
+    for s, read in zip(shaft, fault.reading(shaft), strict=True):
+        disc = turned([0, 0, s]) @ turned(tilt * np.array([np.cos(phase), np.sin(phase), 0]))  # disc → space
+        normal = disc[:, 2]
+        seen = disc.T @ [1.0, 0.0, -normal[0] / normal[2]]  # the point of the disc that lies under the head at (1, 0)
+        assert abs(seen[2]) < 1e-15 and np.isclose(read, -np.arctan2(seen[1], seen[0]), atol=1e-14)
+    assert np.abs(fault.reading(shaft) - shaft).max() > 0.5 * amplitude
+
+
 # -- temperature, time, place ------------------------------------------------------------------------------------
 
 
+@estimates("thermal_arms", "thermal_rods", "thermal_base")
 @pytest.mark.parametrize(
-    ("part", "letter", "alpha"), [("arms", "a", 23.6e-6), ("rods", "l", 2e-6), ("base", "p", 12e-6)]
+    ("part", "alpha"), [("arms", 23.6e-6), ("rods", 2e-6), ("base", 12e-6)]
 )
-def test_thermal_growth(part, letter, alpha):
+def test_thermal_growth(part, alpha):
     landing = land(typical(f"thermal_{part}"))
-    grows = np.array([name[0] == letter and name[1].isdigit() for name in MECHANISM.parameters])
-    for n in range(N):
-        k = np.where(grows, K * (1 + alpha * (WARM[f"temp_{part}"][n] - 20)), K)
-        where = kinematics.forward(MECHANISM, k, Q[n : n + 1]).pose
-        assert np.abs(landing.tcp[n] - where.tcp(TOOL[n : n + 1])[0]).max() < 1e-10
+    growth = 1 + alpha * (WARM[f"temp_{part}"] - 20)
+    size = {"arms": "a", "rods": "length", "base": "p"}[part]
+    grown = np.multiply.outer(growth, getattr(DELTA, size))
+    assert np.abs(landing.tcp - replace(DELTA, **{size: grown}).tcp()).max() < 1e-10
     assert np.linalg.norm(landing.tcp - RIGID.tcp, axis=1).max() > 1e-6
 
 
+@estimates("base_drift")
 def test_base_drift_moves_everything():
     landing, fault = land(typical("base_drift")), typical("base_drift")
-    turn = rotation.exp(TIME[:, None] * fault.values["w"])
+    turn = turned(TIME[:, None] * fault.values["w"])
     expected = (turn @ RIGID.tcp[..., None])[..., 0] + TIME[:, None] * fault.values["v"]
     assert np.abs(landing.tcp - expected).max() < 1e-11 and np.abs(landing.R - turn @ RIGID.R).max() < 1e-11
     assert np.abs(landing.tcp - RIGID.tcp).max() > 1e-5
 
 
+@estimates("bearing_runout")
 def test_bearing_runout_moves_the_motor_axis():
     angle = 2 * Q
     shift = 10e-6 * np.stack([np.zeros_like(Q), np.cos(angle), np.sin(angle)], axis=-1)  # arm frame at q = 0
     moved = (E0 @ shift[..., None])[..., 0]
-    assert_close(land(typical("bearing_runout")), tcp(Deviation(elbow=moved[:, ARM])))
+    assert_close(land(typical("bearing_runout")), replace(DELTA, elbow=moved[:, ARM]).tcp())
 
 
+@estimates("tool_creep")
 def test_tool_creep():
     landing = land(typical("tool_creep"))
-    lean = rotation.exp(np.log10(1 + TIME / 60.0)[:, None] * [2e-4, 1e-4, 0])
+    lean = turned(np.log10(1 + TIME / 60.0)[:, None] * [2e-4, 1e-4, 0])
     expected = RIGID.x + (RIGID.R @ lean @ TOOL[..., None])[..., 0]
     assert np.abs(landing.tcp - expected).max() < 1e-12 and np.abs(landing.tcp - RIGID.tcp).max() > 1e-5
 
@@ -371,13 +445,14 @@ def measured(*present, **instrument):
     return simulate.run(truth, plan).measurements
 
 
+@estimates("tracker_scale", "tracker_drift")
 def test_tracker_scale_and_drift_in_the_trackers_own_frame():
-    place, turn = np.array([2.0, -1.0, 0.3]), rotation.exp(np.array([0.2, 0.1, 1.0]))
+    place, turn = np.array([2.0, -1.0, 0.3]), turned([0.2, 0.1, 1.0])
     frame = {"frame": "tracker", "position": place, "rotation": np.array([0.2, 0.1, 1.0])}
     scale, drift = typical("tracker_scale"), typical("tracker_drift")
     seen = (RIGID.tcp - place) @ turn
     assert np.abs(measured(scale, **frame).position - seen * (1 + 1e-5)).max() < 1e-12
-    back = rotation.exp(-TIME[:, None] * drift.values["w"])
+    back = turned(-TIME[:, None] * drift.values["w"])
     crept = (back @ (seen - TIME[:, None] * drift.values["v"])[..., None])[..., 0]
     assert np.abs(measured(drift, **frame).position - crept).max() < 1e-12
     both = measured(scale, drift, **frame).position
@@ -388,10 +463,17 @@ def test_tracker_scale_and_drift_in_the_trackers_own_frame():
 # -- all of them -------------------------------------------------------------------------------------------------
 
 
+def test_every_fault_is_estimated_here():
+    assert set(faults.names()) == ESTIMATED
+
+
 @pytest.mark.parametrize("name", faults.names())
 def test_at_zero_the_rigid_robot(name):
     zero = typical(name, 0.0)
     assert zero.absent and np.array_equal(measured(zero).position, measured().position)
+    # Built into the model with all of its joints and springs, but of no size worth the name: still the rigid robot.
+    none = typical(name, 1e-10)
+    assert not none.absent and np.abs(measured(none).position - measured().position).max() <= 1e-12
     # And on the way there in proportion: a thousandth of the size moves the TCP a thousandth as far.
     partner = () if name not in ("hose", "gravity_tilt") else (typical("drive_compliance"),)
     rest = measured(*partner).position
@@ -402,12 +484,12 @@ def test_at_zero_the_rigid_robot(name):
 
 def test_any_order_gives_the_same_robot_and_all_of_them_stay_within_the_time():
     everything = [typical(name) for name in faults.names()]
-    begun = clock.perf_counter()
+    begun = clock.process_time()
     one = land(*everything)
-    per_pose = (clock.perf_counter() - begun) / N
+    per_pose = (clock.process_time() - begun) / N
     other = land(*everything[::-1])
     assert np.array_equal(one.tcp, other.tcp) and np.array_equal(one.R, other.R)
-    assert per_pose < 10e-3  # 3 ms on an idle machine
+    assert per_pose < 10e-3  # compiling included; scripts/benchmark_bench holds poses to 3 ms
 
 
 def test_small_faults_add_up():
@@ -416,92 +498,3 @@ def test_small_faults_add_up():
     both = land(*(typical(name) for name in names)).tcp - RIGID.tcp
     total = sum(land(typical(name)).tcp - RIGID.tcp for name in names)
     assert np.abs(both - total).max() < 0.01 * np.abs(total).max()
-
-
-def test_a_missing_column_is_named():
-    bare = Commands.of(Q)
-    with pytest.raises(InputError, match="'thermal_rods' needs a temperature history 'temp_rods'"):
-        Machine(ROBOT, K, [typical("thermal_rods")]).run(bare)
-    with pytest.raises(InputError, match="'base_drift' needs a column 'time'"):
-        Machine(ROBOT, K, [typical("base_drift")]).run(bare)
-    with pytest.raises(InputError, match="'friction_hysteresis' needs a column 'dir1'"):
-        Machine(ROBOT, K, [typical("friction_hysteresis")]).run(bare)
-
-
-@pytest.mark.parametrize(
-    ("name", "table", "message"),
-    [
-        ("drive_compliance", {"compliance_urad_Nm": 1e6}, "must be from 0 to 2000"),
-        ("drive_compliance", {"compliance_urad_Nm": -1}, "must be from 0"),
-        ("drive_compliance", {"compliance": 1}, "has no unit"),
-        ("drive_compliance", {"compliance_um_N": 1}, "is not a unit of rotational_compliance"),
-        ("drive_compliance", {"compliance_urad_Nm": [1, 2]}, "a list of 3 numbers"),
-        ("backlash", {"gap_arcmin": 1, "side": "left"}, 'one of "direction", "load"'),
-        ("hose", {}, "'stiffness' is missing"),
-        ("rod_compliance", {"compliance_um_N": 1, "colour": "red"}, "unknown key 'colour'"),
-    ],
-)
-def test_absurd_settings_are_refused(name, table, message):
-    with pytest.raises(InputError) as caught:
-        faults.make(ROBOT, name, table)
-    assert message in str(caught.value) and f"[faults.{name}]" in str(caught.value)
-
-
-def test_a_robot_that_falls_apart_says_so():
-    truth = truths.parse(
-        f'robot = "{MODELS / "delta.toml"}"\n[faults.drive_compliance]\ncompliance_mrad_Nm = 2\n'
-        "[faults.rod_compliance]\ncompliance_mm_N = 0.1\n"
-    )
-    heavy = Commands.of(Q, TOOL, 300.0)
-    with pytest.raises(ReachError, match="faults drive_compliance, rod_compliance may be too strong"):
-        simulate.run(truth, Plan(heavy, np.full(N, -1), np.zeros(N, bool), "test"))
-
-
-@pytest.mark.parametrize("name", faults.names())
-def test_a_sealed_fault_is_the_same_fault(name):
-    truth = truths.Truth(ROBOT, 0 * K, Instrument(), (typical(name, 0.7),))
-    again = truths.parse(truths.dumps(truth)).faults[0]
-    for key, value in truth.faults[0].values.items():
-        assert np.array_equal(again.values[key], value), key
-
-
-# -- other kinds of robots ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", ["hexa", "hexa321", "h4", "linear_delta", "hexapod", "planar"])
-def test_faults_of_other_kinds(kind):
-    """Drives give way by the change of MuJoCo's potential energy along them; what does not suit a kind says so."""
-    robot = robots.load(MODELS / f"{kind}.toml")
-    rigid = Machine(robot)
-    model, data = rigid.model, rigid.loops.data
-    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-    center, nq = rigid.rig.driven.copy(), rigid.rig.actuators
-    low, high = robot.joint_range
-    home = rigid.kind.home(robot).q
-    q = home + 0.1 * (high - low) * RNG.uniform(-1, 1, (4, len(center)))
-
-    def energy(q):
-        assert rigid.land(q[None]).ok.all()
-        mujoco.mj_energyPos(model, data)
-        return data.energy[0]
-
-    load = np.array([[(energy(row - e) - energy(row + e)) / 2e-5 for e in 1e-5 * np.eye(nq)] for row in q])
-    soft = faults.typical(robot, "drive_compliance")
-    landing = Machine(robot, None, [soft]).land(q)
-    expected = rigid.land(q + soft.values["compliance"] * load).tcp
-    moved = landing.tcp - rigid.land(q).tcp
-    assert landing.ok.all() and np.abs(moved).max() > 1e-8
-    assert np.abs(landing.tcp - expected).max() < 0.01 * np.sqrt(np.mean(np.sum(moved**2, axis=1)))
-
-    columns = {f"temp_{part}": 30.0 for part in ("arms", "rods", "base")} | {f"dir{i + 1}": 1.0 for i in range(nq)}
-    busy = Commands.of(q, [0.03, 0, -0.05], 0.5, time=np.arange(len(q)) * 600.0, **columns)
-    suited = 0
-    for name in faults.names():
-        try:
-            machine = Machine(robot, None, [faults.typical(robot, name)])
-        except InputError as error:
-            assert robot.kind in str(error) and "leave this fault out" in str(error)
-            continue
-        assert machine.run(busy).ok.all()
-        suited += 1
-    assert suited >= 16
