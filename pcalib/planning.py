@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from pcalib import prediction
 from pcalib.errors import InputError
@@ -43,45 +42,60 @@ def d_optimal(
         blocks: (C, r, nz) whitened Jacobian of each candidate; a candidate may be chosen once.
         tick: called with the share done, for a progress bar.
     """
-    C, r, nz = blocks.shape
+    C = len(blocks)
     if n > C:
         raise InputError(f"{n} poses wanted of {C} candidates")
-    flat = blocks.reshape(C * r, nz)
-    eye = np.eye(r)
-    M = np.eye(nz)
+    design = _Design(blocks)
     chosen: list[int] = []
     total = n * (1 + exchanges)
-
-    def gains(M: np.ndarray) -> np.ndarray:
-        L = np.linalg.cholesky(M)
-        Y = solve_triangular(L, flat.T, lower=True).T.reshape(C, r, nz)
-        return np.linalg.slogdet(eye + Y @ np.swapaxes(Y, -1, -2))[1]
-
-    def best(M: np.ndarray, taken: list[int]) -> int:
-        gain = gains(M)
-        gain[taken] = -np.inf
-        return int(np.argmax(gain))
-
     for i in range(n):
-        pick = best(M, chosen)
-        chosen.append(pick)
-        M = M + blocks[pick].T @ blocks[pick]
+        chosen.append(design.best(chosen))
+        design.change(chosen[-1], 1)
         if tick:
             tick((i + 1) / total)
     for sweep in range(exchanges):
         moved = False
-        for slot in range(n):
-            old = chosen[slot]
-            without = M - blocks[old].T @ blocks[old]
-            pick = best(without, chosen[:slot] + chosen[slot + 1 :])
-            if pick != old:
-                chosen[slot], moved = pick, True
-                M = without + blocks[pick].T @ blocks[pick]
+        design.refresh(chosen)
+        for slot, old in enumerate(chosen):
+            design.change(old, -1)
+            chosen[slot] = design.best(chosen[:slot] + chosen[slot + 1 :])
+            design.change(chosen[slot], 1)
+            moved |= chosen[slot] != old
             if tick:
                 tick((n * (1 + sweep) + slot + 1) / total)
         if not moved:
             break
     return np.array(chosen)
+
+
+class _Design:
+    """M = I + Σ BᵀB of the chosen poses, kept as what each candidate B would add to it: B·M⁻¹·Bᵀ."""
+
+    def __init__(self, blocks: np.ndarray):
+        self.blocks = blocks
+        self.flat = blocks.reshape(-1, blocks.shape[-1])
+        self.eye = np.eye(blocks.shape[1])
+        self.refresh([])
+
+    def refresh(self, chosen: list[int]) -> None:
+        """Start from the definition; changes add up rounding."""
+        some = self.blocks[chosen].reshape(-1, self.blocks.shape[-1])
+        self.inverse = np.linalg.inv(np.eye(self.blocks.shape[-1]) + some.T @ some)
+        self.gram = self.blocks @ self.inverse @ np.swapaxes(self.blocks, -1, -2)
+
+    def best(self, taken: list[int]) -> int:
+        """The candidate that adds most to log det M."""
+        gain = np.linalg.slogdet(self.eye + self.gram)[1]
+        gain[taken] = -np.inf
+        return int(np.argmax(gain))
+
+    def change(self, pick: int, sign: int) -> None:
+        """Take a candidate in (1) or out (−1), by the Woodbury identity."""
+        K = self.inverse @ self.blocks[pick].T
+        S = np.linalg.inv(sign * self.eye + self.blocks[pick] @ K)
+        W = (self.flat @ K).reshape(self.gram.shape)
+        self.gram -= W @ S @ np.swapaxes(W, -1, -2)
+        self.inverse -= K @ S @ K.T
 
 
 def plan(
@@ -93,7 +107,7 @@ def plan(
     sigma_rot: float = np.radians(0.005),
     rotations: bool = True,
     level: str = "complete",
-    candidates: int = 600,
+    candidates: int = 1500,
     seed: int = 0,
     tick: Callable[[float], None] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
