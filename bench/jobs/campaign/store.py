@@ -231,7 +231,7 @@ def _claim(campaign: Campaign, folder: Path) -> None:
         ("spec", "use another folder for the changed spec, or the spec as it was to go on"),
         ("versions", "go on with the versions it was begun with, or use another folder"),
     ):
-        changed = list(_differences(theirs.get(what, {}), ours[what]))
+        changed = list(differences(theirs.get(what, {}), ours[what]))
         if not changed and json.dumps(theirs.get(what)) != json.dumps(ours[what]):
             changed = ["the order of its keys"]
         if changed:
@@ -242,14 +242,14 @@ def _claim(campaign: Campaign, folder: Path) -> None:
             )  # fmt: skip
 
 
-def _differences(old: Any, new: Any, path: str = "") -> Iterator[str]:
-    """Where two nested tables differ: 'plan.poses: 40 → 60'."""
+def differences(old: Any, new: Any, path: str = "") -> Iterator[str]:
+    """Where two nested tables differ, in words: 'plan.poses: 40 → 60'."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         for key in sorted({*old, *new}):
-            yield from _differences(old.get(key), new.get(key), f"{path}.{key}" if path else key)
+            yield from differences(old.get(key), new.get(key), f"{path}.{key}" if path else key)
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for i, (a, b) in enumerate(zip(old, new, strict=True), 1):
-            yield from _differences(a, b, f"{path}[{i}]")
+            yield from differences(a, b, f"{path}[{i}]")
     elif old != new:
         yield f"{path}: {_short(old)} → {_short(new)}"
 

@@ -8,7 +8,7 @@ luck.
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -113,6 +113,18 @@ def truth_errors(campaign: Campaign, number: int) -> np.ndarray:
     """(nk,) true minus nominal parameters of a trial's robot."""
     index, robot = divmod(number, campaign.robots)
     return campaign.cell(index).geometry.errors(robot, _stream(campaign.seed, robot, GEOMETRY))
+
+
+def steps(campaign: Campaign, number: int) -> dict[str, Callable[[], object]]:
+    """The steps of a trial, each to be called as often as one likes: measuring, each method, verifying."""
+    index, robot = divmod(number, campaign.robots)
+    shared = stand(campaign, index)
+    machine, data = _measured(campaign, shared, robot)
+    commands = {method.name: _commanded(shared, method, data)[0] for method in shared.cell.methods}
+    out: dict[str, Callable[[], object]] = {"measuring": lambda: _measured(campaign, shared, robot)}
+    for method in shared.cell.methods:
+        out[f"{method.name}, fit and commands"] = lambda method=method: _commanded(shared, method, data)
+    return out | {"verifying": lambda: _verified(shared, machine, commands)}
 
 
 # -- the steps ---------------------------------------------------------------------------------------------------------
