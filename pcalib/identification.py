@@ -112,7 +112,7 @@ def fit(
     prior: Mapping[str, float] | None = None,
     prior_scale: float | None = None,
     weighted: bool = True,
-    max_iterations: int = 30,
+    max_iterations: int = 60,
 ) -> Fit:
     """Identify a robot from measurements.
 

@@ -20,6 +20,15 @@ TOLERANCE = 1e-5
 """A fit has converged when what is left to go is below this share of every unknown's natural size."""
 ROUNDING = 1e-13
 """[m, rad] what forward kinematics leaves open in a reading: no step is rejected for it."""
+NEGLIGIBLE = 1e-3
+"""Gain of a step in χ², in units of χ²/M, that no noise would let anyone see; three such steps in a row are the end.
+Where a model misses something, Gauss–Newton creeps on along directions that the data hardly know."""
+_MANY = 20
+"""Directions that the data know better than the priors do, from which on their median says what is usual."""
+_MEDIAN = 0.6745
+"""Median of |z| for a standard normal z."""
+_SETTLED = 10
+"""Steps after which the priors' scale stays what it is."""
 _LEAST_DAMPING = 1e-12
 """Share of the largest diagonal element of JᵀJ: less is none."""
 
@@ -49,7 +58,7 @@ def minimise(
     at: tuple[np.ndarray, Prediction],
     loss: str = "linear",
     prior_scale: float | None = None,
-    max_iterations: int = 30,
+    max_iterations: int = 60,
 ) -> State:
     """Minimise the cost over the chosen unknowns, each in units of its natural size.
 
@@ -66,7 +75,7 @@ def minimise(
     low, high = unknowns.lower[chosen] / scale, unknowns.upper[chosen] / scale
     rounding = float(np.sum((ROUNDING / data.sigma[data.mask]) ** 2))
     tau = prior_scale or 1.0
-    damping, converged, count, last = 0.0, False, 0, np.inf
+    damping, converged, count, idle, last = 0.0, False, 0, 0, np.inf
 
     def widened() -> np.ndarray:
         out = prior.copy()
@@ -99,20 +108,21 @@ def minimise(
         tried = residuals(trial, data, at[1])
         count += 1
         if max_iterations > 1:
-            before = cost(u, at)
-            if not cost(position(trial), tried) <= before + rounding + 2 * np.sqrt(before * rounding):
+            before, after = cost(u, at), cost(position(trial), tried)
+            if not after <= before + rounding + 2 * np.sqrt(before * rounding):
                 damping = max(100 * damping, _LEAST_DAMPING)
                 continue
+            idle = idle + 1 if before - after < NEGLIGIBLE * max(1.0, before / data.mask.sum()) else 0
         model, at, u = trial, tried, position(trial)
         # What is left to go shrinks as steps do: the next would be about (size/last)·size.
         size = float(np.abs(step).max(initial=0.0))
         left, last = size * (min(1.0, size / last) if np.isfinite(last) else 1.0), size
         earlier = (weight, tau)
         weight = robust_weights(at[0], data, loss)
-        if prior_scale is None and len(geometric) and not damping:
+        if prior_scale is None and len(geometric) and not damping and count <= _SETTLED:
             tau = _evidence(u[geometric], R, geometric, tau)
         steady = np.abs(weight - earlier[0]).max() < 1e-3 and abs(tau / earlier[1] - 1) < 5e-2
-        converged = max_iterations == 1 or bool(left < TOLERANCE and steady and not damping)
+        converged = max_iterations == 1 or bool(steady and (idle >= 3 or (left < TOLERANCE and not damping)))
         damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
         if converged:
             break
@@ -121,9 +131,26 @@ def minimise(
 
 
 def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -> float:
-    """The prior's scale that makes the geometric errors found most likely, never below the stated tolerances."""
-    well = np.sum(1 - least_squares.variances(R)[geometric] / tau**2)
-    return float(np.clip(np.sqrt(np.sum(u * u) / max(well, 1e-3)), 1.0, 100.0)) if np.isfinite(well) else tau
+    """The prior's scale that agrees with the geometric errors found, never below the stated tolerances.
+
+    Along the eigenvectors of the data's information a posterior mean z has variance τ²γ, γ = λ/(λ + 1/τ²). Where there
+    are many, the median of |z|/√γ is taken and not the mean square: something that the model misses shows in a few
+    directions, as errors of many tolerances, and must not make room for itself.
+    """
+    others = np.setdiff1d(np.arange(len(R)), geometric)
+    # In triangular form with the geometry last, its corner holds what the other unknowns leave of its information.
+    ordered: np.ndarray = np.linalg.qr(R[:, np.concatenate([others, geometric])])[1]
+    corner = ordered[len(others) :, len(others) :]
+    if not np.isfinite(corner).all():
+        return tau
+    _, s, Vt = np.linalg.svd(corner)
+    z, gamma = Vt @ u, np.maximum(1.0 - 1.0 / (tau * s) ** 2, 0.0)
+    known = gamma > 0.5
+    if np.sum(known) < _MANY:
+        found = np.sqrt(np.sum(z**2) / max(float(np.sum(gamma)), 1e-3))
+    else:
+        found = np.median(np.abs(z[known]) / np.sqrt(gamma[known])) / _MEDIAN
+    return float(np.clip(found, 1.0, 100.0))
 
 
 def robust_weights(error: np.ndarray, data: Measurements, loss: str) -> np.ndarray:

@@ -78,7 +78,7 @@ def run(robot: Robot, seed: int, cell: Cell) -> list[Trial]:
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, cell.number)))
     design = DESIGNS[cell.design]
     if cell.part == "add":
-        design = replace(design, check=CHECKED)
+        design = replace(design, check=CHECKED, interleaved=True)
     companion = any(CATALOGUE[name].companion for name in cell.what)
     stage = Stage.draw(design, robot, int(rng.integers(2**31)), companion)
     out = []

@@ -27,6 +27,8 @@ class Design:
     """σ in the data file over the σ there is."""
     rows: int = 120
     check: int = 30
+    interleaved: bool = False
+    """Whether the rows held out are drawn from all of the plan, and not its last ones."""
     sigma_pos: float = 15e-6
     """[m] the σ there is, per component."""
     sigma_rot: float = 60e-6

@@ -95,6 +95,8 @@ class Stage:
             companion: whether its drives give way, to the user's knowledge.
         """
         plan = plans.make(robot, design.plan, design.rows, check=design.check, tools=design.tools, seed=seed)
+        if design.interleaved:
+            plan = _interleaved(plan, seed)
         errors = truths.draw_errors(robot, SIGMA_LENGTH, SIGMA_ANGLE, seed)
         known = (faults.make(robot, "drive_compliance", catalogue.BELTS),) if companion else ()
         return cls(design, robot, errors, plan, known)
@@ -292,6 +294,14 @@ def _span(columns: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the directions that can be seen at usual sizes."""
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
     return U[:, s > SEEN]
+
+
+def _interleaved(plan: plans.Plan, seed: int) -> plans.Plan:
+    """The plan with as many rows held out, drawn from all of it; replicates stay together."""
+    q = plan.commands.q
+    pose = np.cumsum(np.r_[False, (q[1:] != q[:-1]).any(axis=1)])
+    share = np.random.default_rng(seed).permutation(pose[-1] + 1) / (pose[-1] + 1)
+    return replace(plan, check=share[pose] < plan.check.mean())
 
 
 def suits(hidden: Hidden, design: Design, robot: Robot) -> bool:

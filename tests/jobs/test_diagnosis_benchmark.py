@@ -21,7 +21,7 @@ from pcalib import effects
 from pcalib import robot as robots
 from pcalib.cli import main as pcalib
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 ROBOT = robots.load(ROOT / "models" / "delta.toml")
 
 

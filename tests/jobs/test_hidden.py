@@ -15,7 +15,7 @@ from bench.jobs.hidden.stage import MOVED, RANGE, Replay, Stage, suits
 from pcalib import effects, identification
 from pcalib import robot as robots
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 ROBOT = robots.load(ROOT / "models" / "delta.toml")
 
 
@@ -138,3 +138,14 @@ def test_the_stated_noise_is_that_of_the_design():
     there = Replay(stage().reference).run(stage().plan.commands)
     scatter = (plain.position - there.tcp).std()
     assert scatter == pytest.approx(15e-6, rel=0.1)
+
+
+def test_rows_held_out_among_the_others():
+    there = Stage.draw(replace(DESIGNS["rich"], check=120, interleaved=True), ROBOT, 7)
+    held = there.plan.check
+    assert held.sum() == pytest.approx(120, abs=4)
+    time = there.plan.commands.columns["time"]
+    assert time[held].mean() == pytest.approx(time.mean(), rel=0.15)
+    q = there.plan.commands.q
+    same = (q[1:] == q[:-1]).all(axis=1)
+    assert same.sum() > 20 and (held[1:] == held[:-1])[same].all()  # replicates stay together

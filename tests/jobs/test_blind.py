@@ -13,7 +13,7 @@ from pcalib import measurement
 from pcalib import robot as robots
 from pcalib.errors import InputError
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[2]
 ROBOT = robots.load(ROOT / "models" / "delta.toml")
 N = 6
 
