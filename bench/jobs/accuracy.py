@@ -47,7 +47,10 @@ class Conditions:
     choice: str = "joint"
     """How poses are chosen, one of CHOICES."""
     rotations: bool = True
-    """Whether the instrument sees orientation; without, poses are shared out over the tools."""
+    """Whether the instrument sees orientation."""
+    measured: tuple[float, ...] | None = None
+    """[m] lengths of the tools to measure with, shared out over random poses. When absent: none for random poses with
+    orientation, else all of `tools`, as a planner may choose and as positions alone need."""
     noise_pos: float = 0.02e-3
     """1σ per component."""
     noise_rot: float = 0.005 * DEGREE
@@ -155,8 +158,10 @@ def measure(
 
 
 def measured_tools(conditions: Conditions) -> np.ndarray:
-    """(T, 3) [m] tools to measure with: none where orientation is seen, else all."""
-    return np.array([[0.0, 0.0, -h] for h in ((0.0,) if conditions.rotations else conditions.tools)])
+    """(T, 3) [m] tools to measure with."""
+    bare = conditions.rotations and conditions.choice != "d-optimal"
+    lengths = conditions.measured or ((0.0,) if bare else conditions.tools)
+    return np.array([[0.0, 0.0, -h] for h in lengths])
 
 
 def plan(robot: Robot, conditions: Conditions) -> tuple[np.ndarray, np.ndarray]:
