@@ -29,7 +29,8 @@ PLAN = (
 )
 VERIFY = (
     Setting("targets", "whole", 200, 1, 100_000, about="TCP positions per tool"),
-    Setting("places", "word", "random", words=("random", "border"), about="where in the workspace"),
+    Setting("places", "word", "random", words=("random", "border", "grid"), about="where in the workspace"),
+    Setting("spacing", "length", 0.0, 0.0, 10.0, about="of a grid, which has as many targets as fit"),
     Setting("payload", "mass", 0.0, 0.0, 1e3, about="carried while verifying"),
     Setting("temp", "temperature", 20.0, -100.0, 200.0, about="of the robot while verifying"),
 )
@@ -98,7 +99,10 @@ class Verify:
     """Where and how the calibrated robot is checked."""
 
     targets: int
+    """Of random places; a grid has its own number."""
     places: str
+    spacing: float
+    """[m] of a grid; 0: a fifth of the workspace's radius."""
     payload: float
     """[kg]"""
     temp: float

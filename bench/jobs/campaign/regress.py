@@ -205,9 +205,9 @@ def save(path: Path, campaign: Campaign, figures: Mapping[str, Figure], changes:
 def _content(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(files.read_text(path))
-        if content["schema"] != SCHEMA or not isinstance(content["figures"], dict):
+        shapes = {"figures": dict, "history": list, "spec": dict}
+        if content["schema"] != SCHEMA or not all(isinstance(content[key], kind) for key, kind in shapes.items()):
             raise ValueError
-        list(content["history"]), dict(content["spec"])
     except (ValueError, KeyError, TypeError):
         problem = "is no baseline of pcbench regress"
         raise InputError(problem, file=path, remedy="name the file that --update wrote") from None

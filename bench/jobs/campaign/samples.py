@@ -12,7 +12,7 @@ from bench.commands import Commands
 from bench.instrument import Instrument
 from bench.jobs import optimal
 from bench.jobs.campaign.cell import Plan
-from pcalib import kinematics
+from pcalib import grid, kinematics
 from pcalib.mechanism import Pose
 from pcalib.robot import Robot
 
@@ -41,12 +41,15 @@ def own(robot: Robot, wanted: Plan, seed: int) -> plans.Plan:
     )  # fmt: skip
 
 
-def targets(robot: Robot, places: str, n: int, seed: int) -> Pose:
-    """n plate poses, 'random' in the workspace or on its 'border'.
+def targets(robot: Robot, places: str, n: int, spacing: float, seed: int) -> Pose:
+    """Plate poses: n 'random' ones in the workspace or on its 'border', or a 'grid' through it of this spacing [m].
 
     Raises:
         ReachError: the workspace has too few poses that the robot can take.
     """
+    if places == "grid":
+        x = grid.workspace_grid(robot, spacing or None)
+        return Pose(x, np.broadcast_to(np.eye(3), (len(x), 3, 3)), np.zeros((len(x), len(robot.mechanism.hinges))))
     q = plans.make(robot, places, n, seed=seed, solver=_solver(robot)).commands.q
     return kinematics.forward(robot.mechanism, robot.mechanism.nominal, q).pose
 

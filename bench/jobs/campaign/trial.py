@@ -115,6 +115,18 @@ def truth_errors(campaign: Campaign, number: int) -> np.ndarray:
     return campaign.cell(index).geometry.errors(robot, _stream(campaign.seed, robot, GEOMETRY))
 
 
+def landings(campaign: Campaign, number: int) -> dict[str, Landing]:
+    """Where a trial's robot ends up with the commands of each method, targets of all tools one after the other.
+
+    Raises:
+        PcalibError: the robot cannot be measured, or a method fails.
+    """
+    index, robot = divmod(number, campaign.robots)
+    shared = stand(campaign, index)
+    machine, data = _measured(campaign, shared, robot)
+    return _verified(shared, machine, {m.name: _commanded(shared, m, data)[0] for m in shared.cell.methods})
+
+
 def steps(campaign: Campaign, number: int) -> dict[str, Callable[[], object]]:
     """The steps of a trial, each to be called as often as one likes: measuring, each method, verifying."""
     index, robot = divmod(number, campaign.robots)
@@ -290,7 +302,9 @@ def stand(campaign: Campaign, index: int) -> Stand:
     """What all robots of a cell share."""
     cell = campaign.cell(index)
     robot, verify = cell.robot, cell.verify
-    found = samples.targets(robot, verify.places, verify.targets, _seed(campaign.seed, 0, TARGETS))
+    found = samples.targets(
+        robot, verify.places, verify.targets, verify.spacing, _seed(campaign.seed, 0, TARGETS)
+    )
     plan = samples.shared(robot, cell.plan, cell.instrument, _seed(campaign.seed, 0, PLAN))
     return Stand(cell, found, plan, bool({3, 4, 5} & set(robot.mechanism.task)))
 

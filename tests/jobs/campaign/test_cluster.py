@@ -19,7 +19,7 @@ from bench.jobs.campaign import run, spec, store
 from pcalib.errors import InputError
 
 distributed = pytest.importorskip("distributed")
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 
 
 @dataclass

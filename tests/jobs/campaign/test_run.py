@@ -20,7 +20,7 @@ from bench.cli import main
 from bench.jobs.campaign import run, spec, store, trial, workers
 from pcalib.errors import InputError
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 COMMAND = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())", "campaign"]
 
 

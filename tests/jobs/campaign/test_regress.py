@@ -16,7 +16,7 @@ from bench.cli import main
 from bench.jobs.campaign import regress, regress_report, spec
 from bench.jobs.campaign.regress import Change, Figure
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -159,8 +159,8 @@ def test_verdicts(written):
     campaign = spec.load(written(written.small + "[regress]\naccuracy = 0.02\nfloor_um = 0.01\nspeed = 1.5\n"))
 
     def verdict(kind: str, before: float | None, now: float | None) -> str:
-        sides = ({} if value is None else {"x": Figure("x", kind, value)} for value in (before, now))
-        (change,) = regress.compare(*sides, campaign)
+        old, new = ({} if value is None else {"x": Figure("x", kind, value)} for value in (before, now))
+        (change,) = regress.compare(old, new, campaign)
         return change.verdict
 
     assert verdict("error", 1e-4, 1.019e-4) == "same" and verdict("error", 1e-4, 1.03e-4) == "worse"

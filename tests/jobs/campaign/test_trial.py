@@ -144,6 +144,13 @@ def test_other_robots(written, kind):
     assert robot.kind == kind
 
 
+def test_targets_on_a_grid(written):
+    campaign = spec.load(written(targets='places = "grid"\nspacing_mm = 200'))
+    x = trial.stand(campaign, 0).targets.x * 1e3
+    assert len(np.unique(np.round(x[:, 0]))) > 2 and set(np.round(np.abs(x[:, 0]))) <= {0, 200, 400}
+    assert {row["targets"] for row in rows_of(campaign)} == {len(x)}
+
+
 @pytest.mark.parametrize("plan", ["border", "rich", "d-optimal"])
 def test_plans(written, plan):
     campaign = spec.load(written(poses=f'kind = "{plan}"\nposes = 16\ncandidates = 60\ntools_mm = [0, 100]'))

@@ -1,0 +1,111 @@
+"""A campaign that is killed again and again, and must end with the same bytes as one that was not.
+
+    python -m bench.jobs.campaign.torture --kills 20
+
+Each time the whole process group, or the main process alone, gets SIGKILL at a random moment: while workers start,
+while robots are at work, while parts are written, while the results are put together.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from cyclopts import App, Parameter
+
+SPEC = """
+name = "torture"
+robot = "delta"
+robots = {robots}
+seed = 3
+[geometry]
+sigma_length_mm = 0.1
+sigma_angle_deg = 0.05
+[verify]
+targets = 50
+[output]
+part_robots = 2
+"""
+COMMAND = [sys.executable, "-c", "import sys; from bench.cli import main; sys.exit(main())", "campaign"]
+ROOT = Path(__file__).parents[3]
+
+
+def command(*, kills: int = 20, robots: int = 120, quick: bool = False, seed: int = 0) -> int:
+    """A campaign that is killed again and again, and must end with the same bytes as one that was not.
+
+    Args:
+        kills: How often it is killed.
+        robots: Size of the campaign.
+        quick: 3 kills of 24 robots, to see that everything runs.
+        seed: Of the moments.
+    """
+    if quick:
+        kills, robots = 3, 24
+    rng = random.Random(seed)
+    with tempfile.TemporaryDirectory(prefix="torture-") as name:
+        folder = Path(name)
+        (folder / "spec.toml").write_text(SPEC.format(robots=robots))
+        begun = time.monotonic()
+        whole, _ = _run(folder, "whole", None, rng)
+        assert whole == 0
+        alone = time.monotonic() - begun
+        print(f"uninterrupted: {alone:.1f} s, {_digest(folder / 'whole')[:16]}", flush=True)
+        done, attempts = 0, 0
+        while True:
+            attempts += 1
+            # Moments spread over start, work and end; later ones as fewer kills are left to be had.
+            patience = rng.uniform(0.3, 0.3 + alone / 3) if done < kills else None
+            code, what = _run(folder, "killed", patience, rng)
+            parts = len(list((folder / "killed" / "parts").glob("[0-9]*.parquet")))
+            finished = (folder / "killed" / "results.parquet").exists()
+            if code == 0 and patience is not None:  # it got through before: begin once more, kills still to be had
+                same = _digest(folder / "killed") == _digest(folder / "whole")
+                print(f"ended between kills, {'the same bytes' if same else 'OTHER BYTES'}; once more", flush=True)
+                if not same:
+                    return 1
+                _remove(folder / "killed")
+                continue
+            if code == 0:
+                break
+            done += 1
+            state = "results are there" if finished else f"{parts} of {robots // 2} parts are there"
+            print(f"kill {done}: {what} after {patience:.2f} s, {state}", flush=True)
+        same = _digest(folder / "killed") == _digest(folder / "whole")
+        print(f"{done} kills in {attempts} runs: {'byte-identical' if same else 'OTHER BYTES'}")
+        return 0 if same else 1
+
+
+def _run(folder: Path, name: str, patience: float | None, rng: random.Random) -> tuple[int, str]:
+    """Run the campaign, killed after `patience` [s]; its return code, and what was killed."""
+    command = [*COMMAND, str(folder / "spec.toml"), "-o", str(folder / name), "--no-figures"]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, start_new_session=True)
+    what = "everything" if rng.random() < 0.5 else "the main process"
+    try:
+        process.wait(patience)
+    except subprocess.TimeoutExpired:
+        (os.killpg if what == "everything" else os.kill)(process.pid, signal.SIGKILL)
+        process.wait()
+    return process.returncode, what
+
+
+def _digest(folder: Path) -> str:
+    return hashlib.sha256((folder / "results.parquet").read_bytes()).hexdigest()
+
+
+def _remove(folder: Path) -> None:
+    for path in sorted(folder.rglob("*"), reverse=True):
+        path.rmdir() if path.is_dir() else path.unlink()
+    folder.rmdir()
+
+
+if __name__ == "__main__":
+    app = App(name="campaign_torture", help_format="plaintext", default_parameter=Parameter(negative=()))
+    app.default(command)
+    sys.exit(app())
