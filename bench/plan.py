@@ -23,7 +23,7 @@ from bench.commands import REFERENCE_TEMPERATURE, TEMPERATURES, Commands
 from bench.machine import Machine
 from bench.reach import reach
 from pcalib import columns as cols
-from pcalib import rotation
+from pcalib import measurement, rotation
 from pcalib import table as tables
 from pcalib.errors import InputError, ReachError, unknown
 from pcalib.robot import Robot
@@ -263,10 +263,4 @@ def _of_file(robot: Robot, path: Path, tools: Sequence[np.ndarray], payloads: Se
         payload = np.full(len(q), float(payloads[0]))
     numeric, _ = cols.conditions(columns, len(actuators))
     commands = Commands.of(q, tool if tool is not None else (tools[0] if len(tools) else 0.0), payload, **numeric)
-    pose_id = np.full(len(q), -1)
-    if "pose_id" in columns:
-        names = {text: i for i, text in enumerate(dict.fromkeys(t for t in table.texts("pose_id") if t))}
-        pose_id = np.array([names.get(text, -1) for text in table.texts("pose_id")])
-    sets = table.texts("set") if "set" in columns else ["fit"] * len(q)
-    held = np.array([text.strip() == "check" for text in sets])
-    return Plan(commands, pose_id, held, path.name)
+    return Plan(commands, measurement.pose_ids(table), measurement.held_out(table), path.name)

@@ -5,6 +5,7 @@ Like all files of the project, a truth file names the unit of every quantity: ``
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -62,24 +63,38 @@ def read(
     try:
         found = units.resolve([key for key in table if key not in plain], dimensioned, where="key")
     except InputError as error:
-        raise InputError(f"[{where}] {error.problem}", remedy=error.remedy) from None
+        # Where in the file: the key that the message quotes first.
+        raise InputError(f"[{where}] {error.problem}", column=_quoted(error.problem), remedy=error.remedy) from None
     found |= {name: (name, 1.0) for name in plain if name in table}
     used = {key for key, _ in found.values()}
     for key in table:
         if key not in used:
-            raise InputError(
-                f"[{where}] {unknown('key', key, [s.spellings for s in settings])}", column=key
-            )
+            accepted = [name for s in settings for name in s.spellings.split(", ")]
+            raise InputError(f"[{where}] {unknown('key', key, accepted)}", column=key)
     out: dict[str, Any] = {}
     for setting in settings:
         if setting.name in found:
             key, factor = found[setting.name]
             out[setting.name] = _value(setting, key, table[key], factor, where, counts)
         elif setting.default is REQUIRED:
-            raise InputError(f"[{where}] '{setting.name}' is missing", remedy=f"write {setting.spellings}")
+            missing = f"[{where}] '{setting.name}' is missing"
+            raise InputError(missing, column=where, remedy=f"write one of {setting.spellings}")
         else:
             out[setting.name] = spread(setting, setting.default, counts)
     return out
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value from TOML is a finite number."""
+    try:
+        return not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value)
+    except OverflowError:  # TOML's whole numbers have no end
+        return False
+
+
+def _quoted(text: str) -> str | None:
+    """The first word in quotes."""
+    return text.split("'")[1] if text.count("'") > 1 else None
 
 
 def write(values: Mapping[str, Any], settings: Sequence[Setting]) -> dict[str, Any]:
@@ -125,7 +140,7 @@ def _value(setting: Setting, key: str, raw: Any, factor: float, where: str, coun
     many = isinstance(raw, list)
     count = counts.get(setting.per, 1)
     numbers = raw if many else [raw]
-    if any(isinstance(v, bool) or not isinstance(v, (int, float)) or not np.isfinite(v) for v in numbers):
+    if not all(is_number(v) for v in numbers):
         raise wrong("a number" if count == 1 else f"a number or a list of {count} numbers")
     if (many and len(numbers) != count) or (setting.per == "axis" and not many):
         raise wrong(f"a list of {count} numbers" if count > 1 else "a number")

@@ -19,6 +19,7 @@ from bench import truth as truths
 from bench.commands import Commands, Landing
 from bench.plan import Plan
 from bench.truth import Truth
+from pcalib import units
 from pcalib.errors import ReachError
 from pcalib.measurement import Measurements
 
@@ -131,7 +132,13 @@ def _judge(truth: Truth, landing: Landing) -> None:
     words, counts = np.unique(landing.status[failed], return_counts=True)
     why = ", ".join(f"{count} {word}" for word, count in zip(words, counts, strict=True))
     names = [fault.name for fault in faults.present(truth.faults)]
-    hint = f"faults {', '.join(names)} may be too strong" if names else "the commands may be of another robot"
+    hint = "the commands may be of another robot"
+    if (landing.status[failed] == "joint_limit").all():
+        unit = truth.robot.command_unit
+        low, high = np.array(truth.robot.joint_range) / units.UNITS[unit].factor
+        hint = f"the joints of '{truth.robot.name}' go from {low:g} to {high:g} {unit}; {hint}, or in another unit"
+    elif names:
+        hint = f"faults {', '.join(names)} may be too strong"
     raise ReachError(f"{len(failed)} of {len(landing)} commands cannot be carried out ({why}): {hint}")
 
 

@@ -19,7 +19,7 @@ from bench import faults
 from bench.faults import Fault
 from bench.instrument import Instrument
 from bench.machine import Machine
-from bench.settings import Setting, read
+from bench.settings import Setting, is_number, read
 from pcalib import files, units
 from pcalib import robot as robots
 from pcalib.errors import InputError, unknown
@@ -131,9 +131,17 @@ def _from_table(table: Mapping[str, Any], folder: Path) -> Truth:
     for name, settings in table.get("faults", {}).items():
         if not isinstance(settings, dict):
             raise InputError(f"'{name}' must be a section", column=name, remedy=f"write [faults.{name}]")
-        made.append(faults.make(robot, name, settings))
+        made.append(_fault(robot, name, settings))
+    faults.suit(robot, made)
     instrument = Instrument.from_table(table.get("instrument", {}))
     return Truth(robot, _errors(robot, table.get("geometry", {})), instrument, tuple(made))
+
+
+def _fault(robot: Robot, name: str, settings: Mapping[str, Any]) -> Fault:
+    try:
+        return faults.make(robot, name, settings)
+    except InputError as error:
+        raise InputError(error.problem, column=error.column or f"faults.{name}", remedy=error.remedy) from None
 
 
 def _robot(given: Any, folder: Path) -> Robot:
@@ -178,7 +186,7 @@ def listed_errors(robot: Robot, listed: Any) -> np.ndarray:
             said = "has no unit" if unit is None else f"'{unit.suffix}' is not a unit of {dimension}"
             remedy = f"write one of {units.spellings(name, dimension)}"
             raise InputError(f"[geometry.errors] '{key}': {said}", column=key, remedy=remedy)
-        if isinstance(raw, bool) or not isinstance(raw, (int, float)) or not np.isfinite(raw):
+        if not is_number(raw):
             raise InputError(f"[geometry.errors] '{key}' must be a number, not {raw!r}", column=key)
         if name in given:
             raise InputError(f"[geometry.errors] '{name}' is given twice", column=key, remedy="keep one of them")
@@ -200,7 +208,8 @@ def _line_of(text: str, key: str | None) -> int | None:
     """Line on which a key is written, for messages."""
     if key is None:
         return None
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.strip().lstrip("[").replace('"', "").startswith(key):
-            return number
+    for name in (key, key.rpartition(".")[2]):  # [faults.hose], or hose = { … } under [faults]
+        for number, line in enumerate(text.splitlines(), 1):
+            if line.strip().lstrip("[").replace('"', "").startswith(name):
+                return number
     return None

@@ -48,7 +48,8 @@ def atomic(path: str | Path) -> Iterator[Path]:
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
     except OSError as error:
-        raise InputError(f"cannot write: {error.strerror}", file=path, remedy="name a folder that exists and is writable") from None
+        remedy = "name a folder that exists and is writable"
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from None
     os.close(handle)
     temporary = Path(name)
     try:
@@ -61,6 +62,21 @@ def atomic(path: str | Path) -> Iterator[Path]:
         raise InputError(f"cannot write: {error.strerror}", file=path) from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_places(*paths: str | Path | None) -> None:
+    """Say before long work, not after it, that a result has no place to go; None is no result.
+
+    Raises:
+        InputError: a path is a directory, or its folder is absent or cannot be written.
+    """
+    for path in (Path(p) for p in paths if p is not None):
+        if path.is_dir():
+            raise InputError("cannot write: it is a directory", file=path, remedy="name a file")
+        folder = path.absolute().parent
+        if not (folder.is_dir() and os.access(folder, os.W_OK)):
+            what = "permission denied" if folder.is_dir() else "no such folder"
+            raise InputError(f"cannot write: {what}", file=path, remedy="name a folder that exists and is writable")
 
 
 def write_text(path: str | Path, text: str) -> None:

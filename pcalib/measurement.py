@@ -192,7 +192,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     return Measurements(
         q, position, turn, mask,
         tool=np.zeros_like(position) if tool is None else tool,
-        payload=cols.payload(columns), columns=numeric, pose_id=_pose_id(table), check=_check(table),
+        payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
         sigma=sigma, sigma_stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
     )  # fmt: skip
@@ -346,7 +346,7 @@ def _sigma(mask: np.ndarray, position: ArrayLike | None, turn: ArrayLike | None)
     return out, stated
 
 
-def _pose_id(table: Table) -> np.ndarray:
+def pose_ids(table: Table) -> np.ndarray:
     """(N,) int; whole numbers as they are, words numbered in order of appearance, blank is −1."""
     if "pose_id" not in table.columns:
         return np.full(len(table), -1)
@@ -358,8 +358,12 @@ def _pose_id(table: Table) -> np.ndarray:
         return np.array([number.setdefault(cell, len(number)) if cell else -1 for cell in cells])
 
 
-def _check(table: Table) -> np.ndarray:
-    """(N,) bool: set = check."""
+def held_out(table: Table) -> np.ndarray:
+    """(N,) bool: set = check.
+
+    Raises:
+        InputError: a cell that is neither fit nor check.
+    """
     if "set" not in table.columns:
         return np.zeros(len(table), bool)
     cells = table.texts("set")

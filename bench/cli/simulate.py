@@ -26,7 +26,7 @@ def command(
     n: Annotated[int, Parameter(name="-n")] = 40,
     check: int = 0,
     tool: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
-    payload: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    payload: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
     seed: int = 0,
     workers: int = 1,
     json: JsonOption = None,
@@ -67,9 +67,14 @@ def command(
         raise InputError(f"--workers {workers}: at least one process has to do the work")
     if seed < 0:
         raise InputError(f"--seed {seed} is negative", remedy="take any whole number from 0 on")
+    if output.exists() and output.samefile(truth):
+        raise InputError("the truth would be overwritten by its data", file=output, remedy="name another file with -o")
+    files.check_places(output, json)
     hidden = truths.load(truth)
     tools = quantities(tool, "length", 3, "--tool")
     payloads = [float(v[0]) for v in quantities(payload, "mass", 1, "--payload")]
+    if min(payloads, default=0.0) < 0:
+        raise InputError(f"--payload {min(payloads):g}kg: a payload cannot be negative")
     if plan == plans.OPTIMAL:
         from bench.jobs import optimal
 

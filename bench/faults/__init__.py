@@ -33,7 +33,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from bench import settings
+from bench import kinds, settings
 from bench.commands import Commands, Row
 from bench.rig import Rig
 from bench.settings import Setting
@@ -204,6 +204,21 @@ def get(name: str) -> type[Fault]:
 def present(faults: Iterable[Fault]) -> tuple[Fault, ...]:
     """Those that are not of size zero, in the order in which they act, whatever the order in which they are listed."""
     return tuple(sorted((fault for fault in faults if not fault.absent), key=lambda fault: (fault.STAGE, fault.name)))
+
+
+def suit(robot: Robot, faults: Iterable[Fault]) -> None:
+    """Refuse faults of parts that this kind of robot does not have.
+
+    Raises:
+        InputError: its column names the section of the fault.
+    """
+    made = present(faults)
+    spec = kinds.get(robot.kind).variants["rods"].spec(robot) if made else None
+    for fault in made:
+        try:
+            fault.build(spec)
+        except InputError as error:
+            raise InputError(error.problem, column=f"faults.{fault.name}", remedy=error.remedy) from None
 
 
 def counts(robot: Robot) -> dict[str, int]:

@@ -126,6 +126,13 @@ def test_rows_to_check_follow_those_of_a_file(tmp_path):
         plans.make(ROBOT, file, check=-1)
 
 
+def test_a_row_that_is_neither_to_fit_nor_to_check(tmp_path):
+    file = tmp_path / "plan.csv"
+    file.write_text("q1_deg,q2_deg,q3_deg,set\n1,2,3,fit\n1,2,3,chek\n")
+    with pytest.raises(InputError, match=r"plan\.csv:3: .*'chek' is no set"):
+        plans.make(ROBOT, file)
+
+
 def test_bad_plans():
     with pytest.raises(InputError, match="did you mean 'random'"):
         plans.make(ROBOT, "randon")

@@ -93,7 +93,8 @@ def test_a_robot_that_reaches_nothing_says_so():
     truth = truths.parse(TRUTH)
     plan = plans.make(truth.robot, "random", 4)
     plan.commands.q[:] = 2.0
-    with pytest.raises(ReachError, match="4 of 4 commands cannot be carried out"):
+    message = "4 of 4 commands cannot be carried out .* go from -60 to 45 deg; .* or in another unit"
+    with pytest.raises(ReachError, match=message):
         simulate.run(truth, plan)
 
 
@@ -137,6 +138,8 @@ def test_d_optimal_poses_and_random_ones_to_check(truth_file, tmp_path):
         (["--workers", "0"], "at least one process"),
         (["--seed", "-1"], "is negative"),
         (["-o", "/no/such/folder/data.csv"], "cannot write"),
+        (["--json", "/no/such/folder/s.json"], "s.json: cannot write: no such folder"),
+        (["--payload", "-1kg"], "cannot be negative"),
     ],
 )
 def test_bad_usage_is_one_message_and_writes_nothing(truth_file, tmp_path, capsys, change, message):
@@ -149,6 +152,12 @@ def test_bad_usage_is_one_message_and_writes_nothing(truth_file, tmp_path, capsy
     assert main(arguments) == 2
     assert message in capsys.readouterr().err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["truth.toml"]
+
+
+def test_the_truth_is_not_overwritten(truth_file, capsys):
+    before = truth_file.read_bytes()
+    assert main(["simulate", str(truth_file), "-o", str(truth_file), "-n", "3"]) == 2
+    assert "would be overwritten" in capsys.readouterr().err and truth_file.read_bytes() == before
 
 
 def test_help_is_quick():

@@ -88,6 +88,39 @@ def test_the_line_is_named():
         parse("\n[geometry.errors]\nl99_mm = 1\n")
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[faults.backlash]\n", r"t\.toml:2: \[faults.backlash\] 'gap' is missing"),
+        ("[faults.backlash]\ngap = 3\n", r"t\.toml:3: \[faults.backlash\] key 'gap' has no unit"),
+        ("[faults]\nbacklash = { gap_mm = 1 }\n", r"'mm' is not a unit of angle"),
+        (f"[faults.backlash]\ngap_urad = 1{400 * '0'}\n", r"t\.toml:3: .*'gap_urad' must be a number"),
+        (f"[geometry.errors]\nl11_mm = 1{400 * '0'}\n", r"t\.toml:3: .*'l11_mm' must be a number"),
+        ("[faults.backlish]\n", r"t\.toml:2: unknown fault 'backlish' \(did you mean 'backlash'"),
+        ("[geometry]\nsigma_lenght_mm = 1\n", "did you mean 'sigma_length_mm'"),
+    ],
+)
+def test_mistakes_are_found_where_they_stand(text, message):
+    with pytest.raises(InputError, match=message):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "table"),
+    [
+        ("hexapod", "arm_bending", "vertical_um_N = 1"),
+        ("planar", "rod_compliance", "compliance_um_N = 1"),
+        ("planar", "plate_flexing", "compliance_um_N = 1"),
+        ("linear_delta", "encoder_eccentricity", "amplitude_urad = 1"),
+        ("planar", "thermal_arms", "expansion_ppm_K = 1"),
+    ],
+)
+def test_faults_that_a_robot_cannot_have_are_refused_when_read(kind, name, table):
+    text = f'robot = "{MODELS / kind}.toml"\n[faults.{name}]\n{table}\n'
+    with pytest.raises(InputError, match=rf"t\.toml:2: fault '{name}'.*{kind}"):
+        truths.parse(text, "t.toml")
+
+
 def test_no_robot():
     with pytest.raises(InputError, match="'robot' is missing"):
         truths.parse("[geometry]\n")
