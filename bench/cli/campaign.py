@@ -32,10 +32,10 @@ def command(
 
     Args:
         spec: Campaign file (TOML).
-        output: Folder for results.parquet, summary.csv, plots and a recording; for this campaign alone.
+        output: Folder for results.parquet, summary.csv, plots and recordings; for this campaign alone.
         workers: Processes on this machine; one per core when absent. Results do not depend on it.
         scheduler: Address of a dask scheduler, whose workers are used instead.
-        figures: Whether to draw plots and the recording; --no-figures leaves them out.
+        figures: Whether to draw plots and recordings; --no-figures leaves them out.
     """
     from bench.jobs.campaign import spec as specs
     from bench.jobs.campaign import summary
@@ -69,9 +69,10 @@ def command(
         frame.say(f"- {count} rows failed: {reason}")
     written = [outcome.results, summary.write_csv(found, output / "summary.csv")]
     if figures:
-        from bench.jobs.campaign import plots
+        from bench.jobs.campaign import plots, recording
 
         written += plots.write(found, output / "plots")
+        written += recording.write(found, outcome.results, output)
     frame.say("written: " + ", ".join(str(path) for path in written))
     frame.write_json(json, {**summary.as_json(found), "rate": outcome.rate, "seconds": outcome.seconds})
     return frame.OK if any(len(group.rms) for group in found.groups) else frame.NOT_HELD

@@ -75,10 +75,10 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style) -> rrb.Bluepr
                 name=f"{field.label} · arrows ×{style.gain:g}",
                 background=rrb.Background(color=BACKGROUND),
                 line_grid=rrb.LineGrid3D(visible=False),
-                eye_controls=_eye(body, field, up),
+                eye_controls=eye(body, field, up),
             )
         )
-    landings = [_flat(f"landing/{panels.tool_path(i, m)}", m.label, _square(style)) for i, m in enumerate(ladder.maps)]
+    landings = [flat(f"landing/{panels.tool_path(i, m)}", m.label, _square(style)) for i, m in enumerate(ladder.maps)]
     details: list = [rrb.TextDocumentView(origin="text/parameters", name="parameters")]
     if len(ladder.steps) > 1:
         legend = rrb.PlotLegend(visible=True)
@@ -86,19 +86,19 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style) -> rrb.Bluepr
     if landings:
         details.insert(0, rrb.Tabs(*landings, name="which way it misses", active_tab=ladder.worst_tool))
     if any(s.scatter is not None for s in ladder.steps):
-        details.insert(0, _flat("scatter", "residual against the telling variable", panels.SCATTER_BOUNDS))
+        details.insert(0, flat("scatter", "residual against the telling variable", panels.SCATTER_BOUNDS))
     if any(s.candidates for s in ladder.steps):
-        details.insert(0, _flat("candidates", "what is missing", panels.CANDIDATE_BOUNDS))
+        details.insert(0, flat("candidates", "what is missing", panels.CANDIDATE_BOUNDS))
     text = rrb.TextDocumentView(origin="text/step", name="step")
     tabs = rrb.Tabs(*details, active_tab=0)
     if len(ladder.steps) > 1:
         title = f"TCP error, {ladder.source}: RMS (line) and largest (dots)"
-        right = rrb.Vertical(text, _flat("ladder", title, panels.LADDER_BOUNDS), tabs, row_shares=[0.32, 0.33, 0.35])
+        right = rrb.Vertical(text, flat("ladder", title, panels.LADDER_BOUNDS), tabs, row_shares=[0.32, 0.33, 0.35])
     else:
         right = rrb.Vertical(text, tabs, row_shares=[0.3, 0.7])
     left = rrb.Vertical(
         rrb.Tabs(*scenes, active_tab=ladder.worst_tool),
-        _flat("colours", "size of the error, the same scale in all steps", ((-14.0, 254.0), (-3.0, 30.0))),
+        flat("colours", "size of the error, the same scale in all steps", ((-14.0, 254.0), (-3.0, 30.0))),
         row_shares=[0.88, 0.12],
     )
     return rrb.Blueprint(
@@ -117,7 +117,8 @@ def _square(style: scene.Style) -> tuple[tuple[float, float], tuple[float, float
     return (-half, half), (-half, half)
 
 
-def _flat(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float, float]]) -> rrb.Spatial2DView:
+def flat(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float, float]]) -> rrb.Spatial2DView:
+    """A view of something drawn in a plane, `bounds` wide and high."""
     import rerun.blueprint as rrb
 
     return rrb.Spatial2DView(
@@ -126,7 +127,7 @@ def _flat(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float
     )  # fmt: skip
 
 
-def _eye(body: Skeleton, field: ErrorMap, up: np.ndarray) -> rrb.EyeControls3D:
+def eye(body: Skeleton, field: ErrorMap, up: np.ndarray) -> rrb.EyeControls3D:
     """A pinned eye that has robot, tool and targets in view."""
     import rerun.blueprint as rrb
 
