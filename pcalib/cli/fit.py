@@ -145,8 +145,8 @@ def show(found: Fit) -> None:
         ],
     )
     say(
-        f"The data identify {found.n_identified} directions of level {found.candidate.level} "
-        f"({found.expected} expected of such readings)."
+        f"The data identify {found.n_identified} directions of level {found.candidate.level}; "
+        f"of the robot as drawn, such readings show {found.expected}."
     )
     for fitted in found.candidate.effects:
         describe = getattr(fitted.effect, "describe", None)
