@@ -11,7 +11,7 @@ by REML from replicates (Patterson & Thompson 1971), by MINQUE from what is left
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ ENOUGH_REPLICATES = 10
 """Degrees of freedom of replicates, per class of readings, from which on their scatter is the noise."""
 ENOUGH_REST = 60
 """Degrees of freedom outside all groups from which on their scatter may stand in for replicates."""
-_CLEAR = 2.5
+_CLEAR = 1.0
 """Joint repeatability is taken into account where its variance is this many of its σ above zero."""
 
 
@@ -44,6 +44,8 @@ class NoiseLevel:
     """[rad] the same."""
     stated: bool
     """Whether the file states a σ at all."""
+    pooled: bool = False
+    """What lies outside every effect and pattern agrees with the replicates, and is counted in."""
 
     @property
     def verified(self) -> bool:
@@ -166,6 +168,42 @@ def from_rest(data: Measurements, blocks: Blocks, Q: np.ndarray) -> NoiseLevel |
     dof = np.array([np.sum(np.trace(S[k], axis1=1, axis2=2)) - np.trace(QSQ[k]) for k in range(2)])
 
     return _solve("residuals", data, blocks, lambda theta: (B, b), dof, ENOUGH_REST)
+
+
+AGREE = 0.02
+"""p of a two-sided F test from which on replicates and what is left over are two samples of one noise."""
+
+
+def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
+    """Replicates sharpened by what is left over, where that agrees with them; a few replicates alone are a poor ruler."""
+    from scipy.special import fdtr, fdtrc
+
+    if rest is None:
+        return repeated
+    for a, b, nu_a, nu_b in zip(_total(repeated), _total(rest), repeated.dof, rest.dof, strict=True):
+        if np.isfinite(nu_a) and np.isfinite(nu_b):
+            F = (b / a) ** 2
+            if 2 * min(fdtr(nu_b, nu_a, F), fdtrc(nu_b, nu_a, F)) < AGREE:
+                return repeated
+    known = np.isfinite(repeated.dof)
+    dof = np.where(known, repeated.dof + rest.dof, np.inf)
+    if (repeated.sigma_q > 0) == (rest.sigma_q > 0):
+        share = np.where(known, repeated.dof / np.where(known, dof, 1.0), 1.0)
+        ratio = np.sqrt(share * repeated.ratio**2 + (1 - share) * rest.ratio**2)
+        both = share[known].mean()
+        sigma_q = float(np.sqrt(both * repeated.sigma_q**2 + (1 - both) * rest.sigma_q**2))
+    else:  # the larger sample decides whether joints show
+        larger = rest if np.sum(rest.dof[known]) > np.sum(repeated.dof[known]) else repeated
+        ratio, sigma_q = larger.ratio, larger.sigma_q
+    pos, rot = (
+        float(np.sqrt((a * x**2 + b * y**2) / (a + b))) if np.isfinite(a) else x
+        for x, y, a, b in zip(_total(repeated), _total(rest), repeated.dof, rest.dof, strict=True)
+    )
+    return replace(repeated, ratio=ratio, dof=dof, sigma_q=sigma_q, sigma_pos=pos, sigma_rot=rot, pooled=True)
+
+
+def _total(level: NoiseLevel) -> tuple[float, float]:
+    return level.sigma_pos, level.sigma_rot
 
 
 def _solve(

@@ -81,7 +81,7 @@ class Problem:
             self.nuisance,
             self.groups,
             Noise(self.classes, self.noise.dof),
-            from_rest=self.noise.source == "residuals",
+            from_rest=self.noise.source == "residuals" or self.noise.pooled,
             n_draws=n_draws,
             seed=seed,
         )
@@ -176,11 +176,11 @@ def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
     """The best noise level that the data allow."""
     drift = [c for c in made.candidates if c.name == "base_drift"]
     columns = _padded(made.data, drift[0].columns * drift[0].scale) if drift else np.zeros((*blocks.y.shape, 0))
-    level = noises.from_replicates(made.data, blocks, columns)
-    if level is None:
-        Q = joint_span(made.nuisance, made.groups)
-        level = noises.from_rest(made.data, blocks, _scatter(Q, made))
-    return level or noises.as_stated(made.data)
+    repeated = noises.from_replicates(made.data, blocks, columns)
+    rest = noises.from_rest(made.data, blocks, _scatter(joint_span(made.nuisance, made.groups), made))
+    if repeated is not None:
+        return noises.pooled(repeated, rest)
+    return rest or noises.as_stated(made.data)
 
 
 def _padded(data: Measurements, columns: np.ndarray) -> np.ndarray:

@@ -40,13 +40,17 @@ def replicated(data, made, drift=None):
     return level
 
 
+def totals(levels):
+    """(n, 2) noise of positions and rotations, all told, in stated units."""
+    return np.array([[level.sigma_pos / 15e-6, level.sigma_rot / 60e-6] for level in levels])
+
+
 class TestVarianceComponents:
     def test_from_replicates(self, data):
         got = [replicated(data, blocks(np.random.default_rng(s), 1.5, 0.7, 0, True)) for s in range(60)]
-        ratio = np.array([g.ratio for g in got if not g.sigma_q])
-        assert len(ratio) > 50
-        np.testing.assert_allclose(np.sqrt(np.mean(ratio**2, axis=0)), [1.5, 0.7], rtol=0.03)
+        np.testing.assert_allclose(np.sqrt(np.mean(totals(got) ** 2, axis=0)), [1.5, 0.7], rtol=0.03)
         assert {tuple(np.round(g.dof)) for g in got if not g.sigma_q} == {(90.0, 90.0)}
+        assert np.mean([g.sigma_q > 0 for g in got]) < 0.3
 
     def test_joint_repeatability_is_told_from_the_instrument(self, data):
         joint = 9e-5  # 2.7 noise units at the plate
@@ -65,20 +69,34 @@ class TestVarianceComponents:
             level = noises.from_rest(data, replace(made, y=made.y + hidden), Q)
             assert level is not None
             got.append(level)
-        plain = np.array([g.ratio for g in got if not g.sigma_q])
-        np.testing.assert_allclose(np.mean(plain**2, axis=0), 1.69, rtol=0.03)
+        square = totals(got) ** 2
+        np.testing.assert_allclose(np.mean(square, axis=0), 1.69, rtol=0.03)
         # the stated degrees of freedom are those of the scatter: var(σ̂²)/σ⁴ = 2/ν
-        np.testing.assert_allclose(np.var(plain**2, axis=0) / 1.69**2, 2 / got[0].dof, rtol=0.4)
+        plain = next(g for g in got if not g.sigma_q)
+        np.testing.assert_allclose(np.var(square, axis=0) / 1.69**2, 2 / plain.dof, rtol=0.4)
 
     def test_drift_between_replicates_is_no_noise(self, data):
         rng = np.random.default_rng(1)
         made = blocks(rng, twice=True)
-        drift = np.einsum("n,ij->nij", np.linspace(0, 40, N), np.eye(6))
+        drift = np.einsum("n,ij->nij", np.linspace(0, 60, N), np.eye(6))
         shifted = replace(made, y=made.y + drift @ np.ones(6))
         naive, aware = replicated(data, shifted), replicated(data, shifted, drift)
-        assert naive.ratio[0] > 1.05 * aware.ratio[0]
-        np.testing.assert_allclose(aware.ratio, 1.0, rtol=0.2)
+        assert totals([naive])[0, 0] > 1.1 * totals([aware])[0, 0]
+        np.testing.assert_allclose(totals([aware])[0], 1.0, rtol=0.2)
         assert aware.dof[0] == pytest.approx(87, abs=1)
+
+    def test_replicates_and_what_is_left_are_pooled_where_they_agree(self, data):
+        few = noises.NoiseLevel("replicates", np.ones(2), np.full(2, 20.0), 0.0, 15e-6, 60e-6, True)
+        many = replace(
+            few, source="residuals", ratio=np.full(2, 1.2), dof=np.full(2, 200.0), sigma_pos=18e-6, sigma_rot=72e-6
+        )
+        both = noises.pooled(few, many)
+        assert both.pooled and both.verified and both.dof[0] == 220
+        assert both.ratio[0] ** 2 == pytest.approx((20 + 200 * 1.44) / 220)
+        assert both.sigma_pos == pytest.approx(15e-6 * both.ratio[0])
+        far = replace(many, ratio=np.full(2, 2.0), sigma_pos=30e-6, sigma_rot=120e-6)
+        assert noises.pooled(few, far) is few
+        assert noises.pooled(few, None) is few
 
     def test_whitening(self):
         rng = np.random.default_rng(0)
