@@ -39,11 +39,11 @@ class Identifiability:
     ratio: np.ndarray
     """(nz,) prior σ / posterior σ of each singular direction, descending."""
     factor: np.ndarray
-    """(·, nz) triangular factor of the prior-scaled Jacobian, columns in the order of `names`."""
-    base: tuple[str, ...]
-    """The identifiable base δk_b: parameters that pivoted QR keeps (paper after eq. 24)."""
-    dependent: dict[str, dict[str, float]]
-    """Each parameter outside the base, and the base parameters whose change by these factors per unit does the same."""
+    """(·, nz) triangular factor of the prior-scaled Jacobian, columns in the order of `pivot`."""
+    pivot: np.ndarray
+    """(nz,) order in which QR takes the parameters: what adds most to those before comes first."""
+    prior: np.ndarray
+    """(nz,) 1σ of the parameters."""
 
     @property
     def n_identified(self) -> int:
@@ -53,7 +53,29 @@ class Identifiability:
     @cached_property
     def directions(self) -> np.ndarray:
         """(nz, nz) unit directions in prior-scaled parameters, one per column, in the order of `ratio`."""
-        return np.linalg.svd(self.factor)[2].T
+        out = np.empty((len(self.names),) * 2)
+        out[self.pivot] = np.linalg.svd(self.factor)[2].T
+        return out
+
+    @cached_property
+    def base(self) -> tuple[str, ...]:
+        """The identifiable base δk_b: parameters that pivoted QR keeps (paper after eq. 24)."""
+        return tuple(self.names[i] for i in self.pivot[: self.n_identified].tolist())
+
+    @cached_property
+    def dependent(self) -> dict[str, dict[str, float]]:
+        """Each parameter outside the base, and the base parameters whose change by these factors per unit does the
+        same."""
+        n, order, prior = self.n_identified, self.pivot.tolist(), self.prior
+        R = self.factor
+        mix = scipy.linalg.solve_triangular(R[:n, :n], R[:n, n:]) if n else np.zeros((0, len(order)))
+        out: dict[str, dict[str, float]] = {}
+        for column, share in zip(order[n:], mix.T, strict=True):  # in prior-scaled units
+            heavy = [i for i in np.argsort(-np.abs(share)).tolist() if abs(share[i]) > _TRACE]
+            out[self.names[column]] = {
+                self.names[order[i]]: float(share[i] * prior[order[i]] / prior[column]) for i in heavy
+            }
+        return out
 
     def sentences(self) -> list[str]:
         """The null directions in words."""
@@ -94,18 +116,7 @@ def analyse(
     R = R[: scaled.shape[1]]
     ratio = np.zeros(scaled.shape[1])
     ratio[: len(R)] = np.linalg.svd(R, compute_uv=False)  # those of `scaled` itself
-    rank = int(np.sum(ratio > THRESHOLD))
-    base: list[int] = pivot[:rank].tolist()
-    others: list[int] = pivot[rank:].tolist()
-    mix = scipy.linalg.solve_triangular(R[:rank, :rank], R[:rank, rank:]) if rank else np.zeros((0, len(others)))
-    dependent: dict[str, dict[str, float]] = {}
-    for column, share in zip(others, mix.T, strict=True):  # in prior-scaled units
-        order: list[int] = np.argsort(-np.abs(share)).tolist()
-        heavy = [i for i in order if abs(share[i]) > _TRACE]
-        dependent[names[column]] = {names[base[i]]: float(share[i] * prior[base[i]] / prior[column]) for i in heavy}
-    factor = np.empty_like(R)
-    factor[:, pivot] = R
-    return Identifiability(tuple(names), ratio, factor, tuple(names[i] for i in base), dependent)
+    return Identifiability(tuple(names), ratio, R, pivot, np.asarray(prior, float))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,9 @@ LOSSES = ("linear", "huber", "cauchy")
 ROBUST_AT = 2.5
 """Rows further off than this many σ (per component) weigh less under a robust loss."""
 TOLERANCE = 1e-5
-"""A fit has converged when what is left to go is below this share of every unknown's natural size."""
+"""A fit has converged when what is left to go is below this share of every unknown's natural size, or"""
+_NOTHING = 1e-5
+"""when χ² would gain no more than this by it."""
 ROUNDING = 1e-13
 """[m, rad] what forward kinematics leaves open in a reading: no step is rejected for it."""
 NEGLIGIBLE = 1e-3
@@ -29,6 +31,8 @@ _MEDIAN = 0.6745
 """Median of |z| for a standard normal z."""
 _SETTLED = 10
 """Steps after which the priors' scale stays what it is."""
+_NOTABLE = 0.05
+"""Relative change of the priors' scale that is worth another step."""
 _LEAST_DAMPING = 1e-12
 """Share of the largest diagonal element of JᵀJ: less is none."""
 
@@ -116,13 +120,15 @@ def minimise(
         model, at, u = trial, tried, position(trial)
         # What is left to go shrinks as steps do: the next would be about (size/last)·size.
         size = float(np.abs(step).max(initial=0.0))
-        left, last = size * (min(1.0, size / last) if np.isfinite(last) else 1.0), size
+        shrink, last = min(1.0, size / last) if np.isfinite(last) else 1.0, size
+        near = shrink * size < TOLERANCE or shrink**2 * float(np.sum((R @ step) ** 2)) < _NOTHING
         earlier = (weight, tau)
         weight = robust_weights(at[0], data, loss)
         if prior_scale is None and len(geometric) and not damping and count <= _SETTLED:
-            tau = _evidence(u[geometric], R, geometric, tau)
-        steady = np.abs(weight - earlier[0]).max() < 1e-3 and abs(tau / earlier[1] - 1) < 5e-2
-        converged = max_iterations == 1 or bool(steady and (idle >= 3 or (left < TOLERANCE and not damping)))
+            found = _evidence(u[geometric], R, geometric, tau)
+            tau = found if abs(found / tau - 1) > _NOTABLE else tau
+        steady = np.abs(weight - earlier[0]).max() < 1e-3 and tau == earlier[1]
+        converged = max_iterations == 1 or bool(steady and (idle >= 3 or (near and not damping)))
         damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
         if converged:
             break
@@ -137,14 +143,16 @@ def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -
     are many, the median of |z|/√γ is taken and not the mean square: something that the model misses shows in a few
     directions, as errors of many tolerances, and must not make room for itself.
     """
-    others = np.setdiff1d(np.arange(len(R)), geometric)
-    # In triangular form with the geometry last, its corner holds what the other unknowns leave of its information.
-    ordered: np.ndarray = np.linalg.qr(R[:, np.concatenate([others, geometric])])[1]
-    corner = ordered[len(others) :, len(others) :]
+    corner = R
+    if len(geometric) < len(R):
+        # In triangular form with the geometry last, its corner holds what the other unknowns leave of its information.
+        others = np.setdiff1d(np.arange(len(R)), geometric)
+        corner = np.asarray(np.linalg.qr(R[:, np.concatenate([others, geometric])], mode="r"))
+        corner = corner[len(others) :, len(others) :]
     if not np.isfinite(corner).all():
         return tau
-    _, s, Vt = np.linalg.svd(corner)
-    z, gamma = Vt @ u, np.maximum(1.0 - 1.0 / (tau * s) ** 2, 0.0)
+    information, V = np.linalg.eigh(corner.T @ corner)
+    z, gamma = V.T @ u, np.maximum(1.0 - 1.0 / (tau**2 * np.maximum(information, 1e-300)), 0.0)
     known = gamma > 0.5
     if np.sum(known) < _MANY:
         found = np.sqrt(np.sum(z**2) / max(float(np.sum(gamma)), 1e-3))

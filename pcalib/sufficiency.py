@@ -83,7 +83,8 @@ def require_enough(model: Model, data: Measurements, unknowns: Unknowns) -> int:
 
 def _typical(data: Measurements) -> np.ndarray:
     """(6,) median σ of the measured components; 1 where a component is never measured."""
-    return np.array([np.median(data.sigma[m, c]) if m.any() else 1.0 for c, m in enumerate(data.mask.T)])
+    columns = [np.sort(data.sigma[m, c]) for c, m in enumerate(data.mask.T)]
+    return np.array([column[len(column) // 2] if len(column) else 1.0 for column in columns])
 
 
 @lru_cache(maxsize=64)
