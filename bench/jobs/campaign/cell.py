@@ -55,7 +55,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 DEFAULT_METHODS = ("classical", "model24", "paper", "complete")
 _PAYLOAD = Setting("payload", "mass", 0.0, 0.0, 1e3, about="carried while measuring")
 OUTPUT = (
-    Setting("part_robots", "whole", 20, 1, 10_000, about="robots per part: what a kill can cost at most"),
+    Setting("part_robots", "whole", 10, 1, 10_000, about="robots per part: what a kill can cost at most"),
     Setting("map_robots", "whole", 200, 0, 10_000, about="robots per cell whose error at every target is kept"),
 )
 REGRESS = (

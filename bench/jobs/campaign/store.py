@@ -1,7 +1,7 @@
 """The folder of a campaign: parts that are written whole or not at all, and the results they make up.
 
     DIR/campaign.json      the spec with all it names, and versions: what a resumed run must agree with
-    DIR/parts/000012.parquet   rows of 20 robots or so, each written under another name and then renamed
+    DIR/parts/000012.parquet   rows of 10 robots or so, each written under another name and then renamed
     DIR/results.parquet    all rows in order, once every part is there; the parts go then
 
 Nothing in these files depends on when, where or in which order they were written, and no file holds a time.
@@ -28,6 +28,8 @@ from pcalib.errors import InputError
 
 KEY = b"pcbench.campaign"
 """Metadata of every Parquet file: JSON with spec, seed and versions."""
+TRIALS = b"pcbench.trials"
+"""Metadata of a part: its first and last trial."""
 PACKAGES = ("pcalib", "numpy", "scipy", "mujoco", "pyarrow")
 GROUP_ROWS = 60_000
 """Rows per row group of the results: what has to be in memory at once."""
@@ -103,9 +105,10 @@ def _type(values: list[Any]) -> pa.DataType:
     return pa.int64() if all(isinstance(v, int) for v in values) else pa.float64()
 
 
-def encode(campaign: Campaign, rows: Iterable[Mapping[str, Any]]) -> bytes:
-    """Rows as a Parquet file."""
+def encode(campaign: Campaign, part: int, rows: Iterable[Mapping[str, Any]]) -> bytes:
+    """The rows of a part as a Parquet file."""
     shape = schema(campaign)
+    about = {**(shape.metadata or {}), TRIALS: _trials(campaign, part)}
     ready = []
     for row in rows:
         point = {column(path): label(value) for path, value in row["point"].items()}
@@ -113,8 +116,14 @@ def encode(campaign: Campaign, rows: Iterable[Mapping[str, Any]]) -> bytes:
         ready.append({**row, **point, **mixed})
     arrays = {field.name: pa.array([row.get(field.name) for row in ready], field.type) for field in shape}
     out = io.BytesIO()
-    pq.write_table(pa.table(arrays, schema=shape), out, compression="zstd")
+    pq.write_table(pa.table(arrays, schema=shape.with_metadata(about)), out, compression="zstd")
     return out.getvalue()
+
+
+def _trials(campaign: Campaign, part: int) -> bytes:
+    """Which trials a part holds: another version may cut a campaign up in another way."""
+    trials = campaign.parts()[part]
+    return f"{trials.start}-{trials.stop - 1}".encode()
 
 
 class Store:
@@ -124,6 +133,7 @@ class Store:
         self.campaign, self.folder = campaign, folder
         self.results = folder / "results.parquet"
         self._parts = folder / "parts"
+        self._key = (schema(campaign).metadata or {})[KEY]
 
     def part(self, number: int) -> Path:
         """Where a part is kept."""
@@ -136,19 +146,15 @@ class Store:
         self._parts.mkdir(exist_ok=True)
         for litter in self._parts.glob(".*"):  # of a run that was killed while writing
             litter.unlink()
-        return [number for number in range(len(self.campaign.parts())) if not self._whole(self.part(number))]
+        return [number for number in range(len(self.campaign.parts())) if not self._done(number)]
 
     def finished(self) -> bool:
         """Whether all results are there."""
-        return self._whole(self.results)
+        return _metadata(self.results).get(KEY) == self._key
 
-    def _whole(self, path: Path) -> bool:
-        """Whether a Parquet file is complete: its end, with the metadata, is written last."""
-        try:
-            about = pq.read_schema(path).metadata or {}
-        except (FileNotFoundError, pa.ArrowException, OSError):
-            return False
-        return about.get(KEY) == (schema(self.campaign).metadata or {})[KEY]
+    def _done(self, number: int) -> bool:
+        about = _metadata(self.part(number))
+        return about.get(KEY) == self._key and about.get(TRIALS) == _trials(self.campaign, number)
 
     def write(self, number: int, content: bytes) -> None:
         """Keep a part.
@@ -163,10 +169,11 @@ class Store:
         """Make the results of the parts, and let the parts go."""
         if not self.finished():
             with _explained(self.folder), files.atomic(self.results) as temporary, temporary.open("wb") as stream:
-                with pq.ParquetWriter(stream, schema(self.campaign), compression="zstd") as writer:
+                shape = schema(self.campaign)
+                with pq.ParquetWriter(stream, shape, compression="zstd") as writer:
                     waiting: list[pa.Table] = []
                     for number in range(len(self.campaign.parts())):
-                        waiting.append(pq.read_table(self.part(number)))
+                        waiting.append(pq.read_table(self.part(number)).cast(shape))
                         if sum(map(len, waiting)) >= GROUP_ROWS:
                             writer.write_table(pa.concat_tables(waiting))
                             waiting = []
@@ -176,6 +183,14 @@ class Store:
             for path in self._parts.iterdir():
                 path.unlink()
             self._parts.rmdir()
+
+
+def _metadata(path: Path) -> Mapping[bytes, bytes]:
+    """Of a Parquet file; empty where there is none or it is not complete: the metadata stand at its end."""
+    try:
+        return pq.read_schema(path).metadata or {}
+    except (FileNotFoundError, pa.ArrowException, OSError):
+        return {}
 
 
 @contextmanager

@@ -30,7 +30,7 @@ CONNECT = 10.0
 def perform(source: str, part: int) -> bytes:
     """One part of a campaign, as a Parquet file: what a worker does."""
     campaign = spec.parse(source)
-    return store.encode(campaign, rows(campaign, campaign.parts()[part]))
+    return store.encode(campaign, part, rows(campaign, campaign.parts()[part]))
 
 
 def rows(campaign: spec.Campaign, trials: Iterable[int]) -> list[dict[str, Any]]:
@@ -158,7 +158,7 @@ def _one_by_one(campaign: spec.Campaign, part: int) -> bytes:
                     raise
         else:
             out += trial.given_up(campaign, number, DIED)
-    return store.encode(campaign, out)
+    return store.encode(campaign, part, out)
 
 
 def _alone(source: str, number: int) -> list[dict[str, Any]]:

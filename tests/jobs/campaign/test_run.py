@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +107,18 @@ def test_a_part_cut_short_is_done_anew(reference, tmp_path, monkeypatch):
     monkeypatch.undo()
     run.run(campaign, folder, 1, progress=done.append)
     assert done == [2, 2, 2] and digest(folder) == expected  # one part was there, two are done
+
+
+def test_parts_that_were_cut_up_in_another_way_are_done_anew(reference, tmp_path, monkeypatch):
+    campaign, expected = reference
+    other = replace(campaign, output=replace(campaign.output, part_robots=3))  # as a version with another default would
+    monkeypatch.setattr(store.Store, "finish", lambda self: None)
+    monkeypatch.setattr(spec, "parse", lambda source: other)
+    run.run(other, tmp_path / "cut", 1)
+    monkeypatch.undo()
+    assert len(list((tmp_path / "cut" / "parts").iterdir())) == 2
+    run.run(campaign, tmp_path / "cut", 1)
+    assert digest(tmp_path / "cut") == expected
 
 
 def test_a_finished_campaign_is_not_done_again(reference, tmp_path, capsys, written, monkeypatch):
@@ -238,7 +251,7 @@ def deadly(source: str, part: int) -> bytes:
     campaign = spec.parse(source)
     if int(os.environ["DEADLY_ROBOT"]) in campaign.parts()[part]:
         os.kill(os.getpid(), signal.SIGKILL)
-    return store.encode(campaign, workers.rows(campaign, campaign.parts()[part]))
+    return store.encode(campaign, part, workers.rows(campaign, campaign.parts()[part]))
 
 
 def deadly_alone(source: str, number: int):
