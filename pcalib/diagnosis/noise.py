@@ -170,7 +170,7 @@ def from_rest(data: Measurements, blocks: Blocks, Q: np.ndarray) -> NoiseLevel |
     return _solve("residuals", data, blocks, lambda theta: (B, b), dof, ENOUGH_REST)
 
 
-AGREE = 0.02
+AGREE = 0.003
 """p of a two-sided F test from which on replicates and what is left over are two samples of one noise."""
 
 
