@@ -191,10 +191,8 @@ class BatchMachine:
         good = (residual <= TOLERANCE) & (sign == self._sign)
         if self.kind.rods_down:
             good &= (b < a).all(axis=1)
-        if self.kind.max_tilt <= np.pi:
-            trace = self._seen["xmat"][:n, self._plate] @ self._home.R.ravel()
-            good &= 0.5 * (trace - 1.0) >= np.cos(self.kind.max_tilt)
-        return good
+        trace = self._seen["xmat"][:n, self._plate] @ self._home.R.ravel()
+        return good & (0.5 * (trace - 1.0) >= np.cos(self.kind.max_turn(self.robot)))
 
 
 def _solve(J: np.ndarray, f: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ walked there in small steps before the pose is given up.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import mujoco
@@ -93,6 +94,7 @@ class Machine:
         self._plate_sites = [model.site(f"b{r}").id for r in self._rods]
         self._bodies = has(model, mujoco.mjtObj.mjOBJ_BODY, f"rod{self._rods[0]}")
         self._anchors = [model.body(f"rod{r}").id if self._bodies else model.site(f"a{r}").id for r in self._rods]
+        self._least_cosine = math.cos(self.kind.max_turn(robot))
         self._assemble()
 
     # -- solving -------------------------------------------------------------------------------------------------
@@ -154,7 +156,7 @@ class Machine:
             if (data.site_xpos[self._plate_sites, 2] >= top).any():
                 return False
         cosine = 0.5 * (data.xmat[self._plate].dot(self._home_R.ravel()) - 1.0)
-        return self.kind.max_tilt > np.pi or cosine >= np.cos(self.kind.max_tilt)
+        return cosine >= self._least_cosine
 
     def _solve(self, row: Row, miss: np.ndarray | None = None) -> str:
         """Bring `data` to the pose of one command; its status."""

@@ -60,9 +60,15 @@ class Kind:
     """'rods' (bodies; what faults build on) and further cross-checks."""
     home: Callable[[Robot], Home]
     max_tilt: float = 0.3
-    """[rad] a plate turned further than this from its home orientation is on a wrong branch; inf: not checked."""
+    """[rad] a plate turned further than this beyond what its robot commands is on a wrong branch."""
     rods_down: bool = True
     """Whether every rod runs downwards on the working branch."""
+
+    def max_turn(self, robot: Robot) -> float:
+        """[rad] from the home orientation, up to which a plate is taken to be on the working branch."""
+        task, space = robot.mechanism.task, robot.workspace
+        commanded = space.tilt * (3 in task or 4 in task) + space.yaw * (5 in task)
+        return min(self.max_tilt + commanded, np.pi)
 
 
 def names() -> list[str]:

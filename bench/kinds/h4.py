@@ -85,4 +85,4 @@ def _home(robot: Robot) -> Home:
     return Home(np.array(q), x, np.eye(3))
 
 
-KIND = Kind(name="h4", variants={"rods": Variant(_spec, _places)}, home=_home, max_tilt=np.inf)
+KIND = Kind(name="h4", variants={"rods": Variant(_spec, _places)}, home=_home)

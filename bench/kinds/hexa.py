@@ -70,5 +70,4 @@ KIND = Kind(
     name="hexa",
     variants={"rods": Variant(lambda robot: build(robot, *layout(robot)), lambda robot: places(layout(robot)[0]))},
     home=lambda robot: middle(robot, *layout(robot)),
-    max_tilt=np.inf,
 )

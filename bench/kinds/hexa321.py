@@ -29,5 +29,4 @@ KIND = Kind(
         "rods": Variant(lambda robot: hexa.build(robot, *layout(robot)), lambda robot: hexa.places(layout(robot)[0]))
     },
     home=home,
-    max_tilt=np.inf,
 )

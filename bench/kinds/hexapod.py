@@ -50,6 +50,4 @@ def _home(robot: Robot) -> Home:
     return Home(np.zeros(6), np.array([0.0, 0.0, robot.dimensions["home_height"]]), np.eye(3))
 
 
-KIND = Kind(
-    name="hexapod", variants={"rods": Variant(_spec, _places)}, home=_home, max_tilt=np.inf, rods_down=False
-)
+KIND = Kind(name="hexapod", variants={"rods": Variant(_spec, _places)}, home=_home, rods_down=False)

@@ -67,6 +67,20 @@ def test_every_parameter_counts(name):
     assert set(blind) <= {"hinge1.z", "hinge2.z", "tilt1.z", "tilt2.z"}
 
 
+def test_a_command_that_two_assemblies_share():
+    """Newton from home ends on one where the plate is turned by 140°; all other guards let it pass."""
+    robot = load("hexa")
+    q = np.radians([[-26.07748095, -12.18619976, -36.69077529, -45.35664775, -55.29380691, -41.80547255]])
+    machine = Machine(robot)
+    machine.go_home()
+    machine.loops.drive(q[0])
+    closed = machine.loops.close()
+    turned = machine.loops.data.body("plate").xmat.reshape(3, 3)
+    assert closed.ok and np.trace(turned) < 0 and not machine.fits(closed)
+    landing, core = machine.land(q, TOOL), kinematics.forward(robot.mechanism, robot.mechanism.nominal, q)
+    assert landing.ok.all() and np.trace(landing.R[0]) > 2 and apart(landing, core.pose) <= 1e-10
+
+
 def test_a_hexapod_that_hangs_and_takes_motor_angles():
     text = (MODELS / "hexapod.toml").read_text().replace("home_height_mm = 450.0", "home_height_mm = -450.0")
     text = text.replace("[joints] ", "leg_travel_mm_rev = [70.0, 71.0, 72.0, 73.0, 74.0, 75.0]\n[joints] ")
