@@ -105,8 +105,11 @@ def combinations(fit: Fit) -> dict[str, dict[str, Any]]:
 def statistics(fit: Fit) -> dict[str, Any]:
     """The figures a model file keeps of its fit."""
     found: dict[str, Any] = {
-        "method": fit.method, "n_identified": fit.n_identified, "prior_scale": fit.prior_scale, **accuracy_json(fit.fit),
-    }  # fmt: skip
+        "method": fit.method,
+        "n_identified": fit.n_identified,
+        "prior_scale": fit.prior_scale,
+        **accuracy_json(fit.fit),
+    }
     if fit.check:
         found["check"] = accuracy_json(fit.check)
     return found

@@ -110,7 +110,7 @@ def test_centred_plate_by_hand(delta):
 
 
 def test_off_centre_compression_of_the_default_delta(delta):
-    """With 1 kg some rods are pushed: by several newtons far out, −8.3 N in the working set's upper rim, none at the centre."""
+    """With 1 kg some rods are pushed: several newtons far out, −8.3 N at the upper rim, none at the centre."""
     grid = np.linspace(-0.4, 0.4, 17)
     x = np.array([(a, b, c) for a in grid for b in grid for c in np.linspace(-0.925, -0.675, 6)])
     x = x[delta.workspace.contains(x)]

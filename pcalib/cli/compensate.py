@@ -35,7 +35,8 @@ def command(
         targets: Target file, CSV or Parquet: x, y, z in the base frame, optionally payload, temperatures, tool.
         model: Model file, as 'pcalib fit' writes it.
         output: Command file to write.
-        tool: TCP in the plate frame, with its unit, e.g. 0,0,-300mm; the targets' own tool columns where they have them.
+        tool: TCP in the plate frame with its unit, e.g. 0,0,-300mm; the targets' own tool columns where they have
+            them.
         method: exact (inverse of the complete model) or first-order (the paper's).
         effect_file: file.py:Class of an effect of your own that the model uses and that may be loaded.
     """
