@@ -124,7 +124,7 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.sqrt(1 + (change / sigma * inflate) ** 2 / max(chi2, 1e-30))
     made = [not name.endswith(SETTINGS) for name in unknowns.names[:g]]
-    S, _, _ = _geometry(fit, data.q[used], data.tool[used])
+    S, _, _ = _geometry(fit, data.q[used], conditions_of(data).take(used))
     trace = np.sqrt(np.sum((S[seen] / data.sigma[used][seen][:, None]) ** 2, axis=0))
     hidden = sigma / inflate * trace
     suspects = [j for j in np.argsort(-far * hidden) if made[j] and far[j] > FAR and hidden[j] > HIDDEN]
@@ -200,10 +200,10 @@ def _after(covariance: np.ndarray, direction: np.ndarray, reading: _Reading) -> 
     return float(np.sqrt(max(direction @ through - gain @ np.linalg.solve(innovation, gain), 0.0)))
 
 
-def _geometry(fit: Fit, q: np.ndarray, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _geometry(fit: Fit, q: np.ndarray, conditions: Conditions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Derivative of readings (N, 6, g) by the geometric unknowns, predicted positions (N, 3), and which rows exist."""
     model = fit.candidate
-    p = prediction.predict(model, q, Conditions.of(len(q), tool))
+    p = prediction.predict(model, q, conditions)
     at, JX = prediction.closure_of(model, p)
     return prediction.geometry_columns(model, p, at, JX, fit.unknowns.basis), p.position, p.status == "ok"
 
@@ -213,8 +213,7 @@ def _scale(fit: Fit, data: Measurements) -> np.ndarray | None:
     unseen = [c for c in range(3) if c in fit.candidate.robot.mechanism.plate_dofs and not data.mask[:, c].any()]
     if not unseen or not data.mask[:, :3].any():
         return None
-    conditions = conditions_of(data)
-    S, x, ok = _geometry(fit, data.q, conditions.tool)
+    S, x, ok = _geometry(fit, data.q, conditions_of(data))
     S, x = S[ok][:, unseen], x[ok][:, unseen]
     x = x - x.mean(axis=0)
     S = S - S.mean(axis=0)
@@ -231,8 +230,7 @@ def _readings(fit: Fit, data: Measurements) -> list[_Reading]:
             row = unknowns.basis[mechanism.index(name)][None]
             found.append(_Reading(f"the length of rod {name[1:]}, joint to joint, to 0.05 mm,", row, 5e-5))
             break
-    tool = data.tool
-    S, x, ok = _geometry(fit, data.q, tool)
+    S, x, ok = _geometry(fit, data.q, conditions_of(data))
     unseen = [c for c in range(3) if c in mechanism.plate_dofs and not data.mask[:, c].any()]
     if unseen:
         a, b = _farthest(x[:, unseen], ok)
@@ -273,7 +271,7 @@ def _raised(fit: Fit, data: Measurements, height: float) -> tuple[float, np.ndar
     if height < 5e-3:
         return None
     above = kinematics.inverse(mechanism, model.k, pose.x + [0.0, 0.0, height], pose.R)
-    S, _, ok = _geometry(fit, above.q[above.ok], data.tool[above.ok])
+    S, _, ok = _geometry(fit, above.q[above.ok], conditions_of(data).take(above.ok))
     return height, S[ok][:, 2]
 
 
