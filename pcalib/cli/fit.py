@@ -60,6 +60,7 @@ def command(
     """
     from pcalib import crossvalidation, identification, measurement, modelfile, summary, trust
     from pcalib import robot as robots
+    from pcalib.diagnosis import visibility
     from pcalib.model import Model
 
     described = robots.load(robot)
@@ -82,6 +83,8 @@ def command(
     content = summary.fit_json(found)
     doubts = trust.doubts(found, measured) if found.status == "converged" else []
     content["doubts"] = trust.json(doubts)
+    shares = visibility.visibility(found.model, measured) if found.status == "converged" else {}
+    content["kappa"] = shares
     write_json(json, content)
     if output is not None and found.status == "converged":  # before anything is printed: a closed pipe loses no model
         figures = summary.statistics(found)
@@ -90,6 +93,8 @@ def command(
     show(found)
     for doubt in doubts:
         say(f"- {doubt.sentence()}")
+    if shares:
+        say(f"- {visibility.sentence(shares)}")
     found.model  # noqa: B018 — refuses with the reason
     if folds:
         with progress("cross-validating", folds) as advance:

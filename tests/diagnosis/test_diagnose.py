@@ -14,10 +14,11 @@ from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.evidence import evidence
 from pcalib.diagnosis.kinship import kinship
 from pcalib.diagnosis.steps import add, drop
+from pcalib.diagnosis.visibility import visibility
 from pcalib.effects import get, parse
 from pcalib.errors import EffectError
 from pcalib.linearisation import residuals
-from pcalib.model import FittedEffect
+from pcalib.model import FittedEffect, Model
 
 KEYS = {"schema", "verdict", "established", "adequate", "refuted", "candidates", "noise", "misfit", "heatmap", "next"}
 ENOUGH_DRAWS = 1024
@@ -265,3 +266,19 @@ def test_outliers_are_a_finding_and_do_not_decide(measured):
     assert sorted(found.problem.set_aside) == [5, 60]
     assert "thermal_arms" in found.established
     assert any("far from everything" in line and str(int(data.lines[5])) in line for line in telling.details(found))
+
+
+class TestVisibility:
+    def test_payload_uncovers_compliance(self, measured):
+        """κ as it was measured elsewhere: 7 % without payload, 28 % with; gear ratio 2 %, encoder 1x 5 %."""
+        plain, rich = (visibility(model, data) for data, model in (measured((), "plain", 100, 0), measured()))
+        assert plain["drive_compliance"] < 0.15 < 0.2 < rich["drive_compliance"] < 0.4
+        assert rich["gear_ratio"] < 0.05 and rich["encoder_eccentricity"] < 0.1
+        assert rich["backlash"] > 0.8 and "friction_hysteresis" not in plain
+        assert list(rich.values()) == sorted(rich.values(), reverse=True)
+
+    def test_a_scale_is_no_business_of_poses(self, measured, robot):
+        """With one tool an instrument's scale is the geometry's own, exactly."""
+        data, _ = measured((), "plain", 100, 0)
+        one = replace(data, tool=np.zeros_like(data.tool))
+        assert visibility(Model(robot, robot.mechanism.nominal, "complete"), one)["tracker_scale"] < 0.01
