@@ -45,9 +45,11 @@ def recording(path: str | Path, blueprint: rrb.Blueprint, identity: str) -> Iter
         stream = rr.RecordingStream(APPLICATION, recording_id=identity)
         stream.set_log_time_enabled(False)  # the same content gives the same recording
         stream.set_log_tick_enabled(False)
-        stream.save(temporary, default_blueprint=blueprint)
+        # Collected in memory: where a disk is full, rerun's own file sink loses data or waits for ever.
+        memory = stream.memory_recording()
+        stream.send_blueprint(blueprint, make_active=False, make_default=True)
         try:
             yield stream
+            temporary.write_bytes(memory.drain_as_bytes())
         finally:
-            stream.flush()
-            stream.disconnect()  # writes the footer, without which readers complain
+            stream.disconnect()
