@@ -62,14 +62,22 @@ def command(
         seed: Of approach directions and of the drives' repeatability.
     """
     from bench.jobs import verify, verify_report
+    from pcalib import files
     from pcalib.cli import frame
     from pcalib.errors import InputError
 
+    limits = {"rms": max_rms_um, "max": max_um, "ap": max_ap_um, "rp": max_rp_um}
+    for limit in limits.values():
+        if limit is not None and not limit >= 0:
+            raise InputError(f"a limit of {limit} µm cannot hold", remedy="take a number from 0 on")
     if cycles < 1 or seed < 0:
         raise InputError(f"--cycles {cycles} --seed {seed}: at least one cycle, and no negative seed, please")
+    files.check_places(json)
     tools = tool_options(tool)
     calibrated, real = verify.load(model, truth, effect_file)
     load = None if payload is None else float(payload[0])
+    if load is not None and load < 0:
+        raise InputError(f"--payload {load:g}kg: a payload cannot be negative")
     tasks = verify.tasks(real.robot, tools, targets, load)
     done = {}
     with frame.progress("landing", cycles * sum(len(task.position) for task in tasks.values())) as advance:
@@ -78,7 +86,6 @@ def command(
                 calibrated, real, task, method=method, cycles=cycles, seed=seed, aligned=align, advance=advance,
                 temperature=20.0 if temperature is None else float(temperature[0]),
             )  # fmt: skip
-    limits = {"rms": max_rms_um, "max": max_um, "ap": max_ap_um, "rp": max_rp_um}
     asked = verify_report.checks(done, limits)
     frame.write_json(json, verify_report.content(done, asked))
     verify_report.show(model.name, done, asked)
