@@ -8,6 +8,7 @@ import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
 from pcalib.effects.library import PlacedEffect, pivots
+from pcalib.mechanism import Mechanism
 
 REFERENCE = 20.0
 """[°C] temperature that dimensions are stated for."""
@@ -28,6 +29,9 @@ class ThermalBase(PlacedEffect):
     @property
     def quantities(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("expansion", "ppm_K", 1.5e-5, -5e-6, 1e-4),)
+
+    def unsuited(self, mechanism: Mechanism) -> str:
+        return "" if hasattr(mechanism.actuation, "p") else "its base points are no parameters of their own"
 
     def shapes(self, at: Situation) -> np.ndarray:
         warmer = at.column("temp_base") - REFERENCE
