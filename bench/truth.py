@@ -26,6 +26,7 @@ from pcalib.errors import InputError, unknown
 from pcalib.robot import Robot
 
 SCHEMA = "pcbench.truth/1"
+FORM = "see docs/bench.md for the form"
 SECTIONS = ("schema", "robot", "geometry", "instrument", "faults", "sealed")
 DRAWN = (
     Setting("sigma_length", "length", 0.0, 0.0, 0.05, about="1σ of every length and coordinate"),
@@ -73,17 +74,14 @@ def load(path: str | Path) -> Truth:
 
 def parse(text: str, source: str | Path = "truth") -> Truth:
     """A truth from the text of its file; `source` names it in messages and gives the folder of its robot file."""
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not valid TOML: {error}", file=source, remedy="see docs/bench.md for the form") from None
+    table = files.parse_toml(text, source, FORM)
     try:
         return _from_table(table, Path(source).parent)
     except InputError as error:
         if error.file is not None:
             raise
         line = _line_of(text, error.column)
-        raise InputError(error.problem, file=source, line=line, remedy=error.remedy) from None
+        raise InputError(error.problem, file=source, line=line, remedy=error.remedy or FORM) from None
 
 
 def draw_errors(robot: Robot, length: float, angle: float, seed: int, ratio: float = 0.0) -> np.ndarray:

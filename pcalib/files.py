@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from pcalib.errors import InputError
 
@@ -23,16 +26,33 @@ def read_text(path: str | Path) -> str:
     except FileNotFoundError:
         raise InputError("no such file", file=path, remedy="check the path") from None
     except IsADirectoryError:
-        raise InputError("is a directory, not a file", file=path) from None
+        raise InputError("is a directory, not a file", file=path, remedy="name a file in it") from None
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path) from None
+        raise InputError(f"cannot be read: {error.strerror}", file=path, remedy="check its rights") from None
     if not data.strip():
-        raise InputError("the file is empty", file=path)
+        raise InputError("the file is empty", file=path, remedy="check that it was saved, and that it is the right one")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data[: error.start].count(b"\n") + 1
         raise InputError("not UTF-8 text", file=path, line=line, remedy="save the file as UTF-8") from None
+
+
+def parse_toml(text: str, source: str | Path, remedy: str) -> dict[str, Any]:
+    """The table of a TOML text; `source` names it in messages, and `remedy` says where its form is described.
+
+    Raises:
+        InputError: not TOML, with the line.
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError:  # brackets nested thousandfold
+        raise InputError("not valid TOML: nested too deep", file=source, remedy=remedy) from None
+    except tomllib.TOMLDecodeError as error:
+        problem, _, place = str(error).partition(" (at ")
+        line = re.match(r"line (\d+)", place)
+        number = int(line.group(1)) if line else text.count("\n") + 1
+        raise InputError(f"not valid TOML: {problem}", file=source, line=number, remedy=remedy) from None
 
 
 @contextmanager
@@ -59,7 +79,8 @@ def atomic(path: str | Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~mask)
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"cannot write: {error.strerror}", file=path) from None
+        remedy = "make room, or name another folder"
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from None
     finally:
         temporary.unlink(missing_ok=True)
 

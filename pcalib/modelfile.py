@@ -82,10 +82,7 @@ def load(path: str | Path, effect_files: Iterable[str] = ()) -> Model:
 
 def loads(text: str, source: str | Path = "model", effect_files: Iterable[str] = ()) -> Model:
     """A model from the text of its file."""
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"not valid TOML: {error}", file=source, remedy="write one with 'pcalib fit … -o'") from None
+    table = files.parse_toml(text, source, "write one with 'pcalib fit … -o'")
     if table.get("schema") != SCHEMA:
         said = f"schema '{table['schema']}'" if "schema" in table else "no schema"
         raise InputError(

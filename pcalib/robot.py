@@ -6,7 +6,6 @@ This is a description only; the kinematics live in the mechanism that the kind b
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,6 +18,7 @@ from pcalib import kinds, units
 from pcalib.errors import InputError, unknown
 from pcalib.mechanism import Mechanism
 
+_FORM = "see models/delta.toml for the form"
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
@@ -94,18 +94,16 @@ def load(path: str | Path) -> Robot:
 
 def parse(text: str, source: str | Path = "robot") -> Robot:
     """A robot from the text of its file; `source` names it in messages."""
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:  # the latter: brackets nested thousandfold
-        raise InputError(f"not valid TOML: {error}", file=source, remedy="see models/delta.toml for the form") from None
+    from pcalib.files import parse_toml
+
+    table = parse_toml(text, source, _FORM)
     try:
         return from_table(table, text)
     except InputError as error:
         if error.file is not None:
             raise
-        raise InputError(
-            error.problem, file=source, line=_line_of(text, error), column=error.column, remedy=error.remedy
-        ) from None
+        line, remedy = _line_of(text, error), error.remedy or _FORM
+        raise InputError(error.problem, file=source, line=line, remedy=remedy) from None
 
 
 def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
@@ -176,6 +174,11 @@ def _section(
         si = np.array(values, float) * factor
         if quantity.endswith(("length", "radius")) and not (si >= 0).all():
             raise InputError(f"[{name}] '{key}' is negative", column=key)
+        if quantity.endswith("length") and not si.all():
+            raise InputError(f"[{name}] '{key}' is zero", column=key)
+        if key.endswith("_rad") and (np.abs(si) > 2 * np.pi).any():
+            degrees = f"if these are degrees, name it {quantity}_deg"
+            raise InputError(f"[{name}] '{key}' is more than a turn", column=key, remedy=degrees)
         out[quantity] = si if quantity in lists else float(si[0])
     return out
 
@@ -199,7 +202,8 @@ def _is_number(value: Any) -> bool:
 
 def _line_of(text: str, error: InputError) -> int | None:
     """Line on which the key that an error is about is written, in the [section] that its message begins with."""
-    if error.column is None:
+    column = error.column or next(iter(re.findall(r"'([^']+)'", error.problem)), None)
+    if column is None:
         return None
     wanted = re.match(r"\[(\w+)\]", error.problem)
     section = ""
@@ -208,7 +212,7 @@ def _line_of(text: str, error: InputError) -> int | None:
         if bare.startswith("["):
             section = bare.strip("[]").split("]")[0].strip()
         key = bare.split("=")[0].strip()
-        meant = key == error.column or key.startswith(f"{error.column}_")
+        meant = column in (key, bare.strip("[] ")) or key.startswith(f"{column}_")
         if meant and (wanted is None or section == wanted.group(1)):
             return number
     return None

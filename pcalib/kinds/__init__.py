@@ -46,7 +46,7 @@ def get(name: str) -> Kind:
         InputError: no such kind.
     """
     if name not in names():
-        raise InputError(unknown("robot kind", name, names()))
+        raise InputError(unknown("robot kind", name, names()), column="kind")
     return importlib.import_module(f"{__name__}.{name}").KIND
 
 

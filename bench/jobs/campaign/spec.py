@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -26,6 +25,7 @@ from pcalib import robot as robots
 from pcalib.errors import InputError, unknown
 
 SCHEMA = "pcbench.campaign/1"
+FORM = "see docs/scale.md for the form"
 TOP = (
     Setting("schema", "word", SCHEMA, words=(SCHEMA,), about="of this file"),
     Setting("name", "word", about="of the campaign"),
@@ -88,19 +88,16 @@ def load(path: str | Path) -> Campaign:
         InputError: not readable, not TOML, or a key or value that cannot be used; the message names its path.
     """
     text = files.read_text(path)
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not valid TOML: {error}", file=path, remedy="see docs/scale.md for the form") from None
+    table = files.parse_toml(text, path, FORM)
     try:
         return parse(json.dumps(_inlined(table, Path(path).parent)))
     except InputError as error:
         if error.file is not None:
             raise
         line = _line_of(text, error.column)
-        raise InputError(error.problem, file=path, line=line, remedy=error.remedy) from None
+        raise InputError(error.problem, file=path, line=line, remedy=error.remedy or FORM) from None
     except TypeError:
-        raise InputError("dates and times have no place in a spec", file=path) from None
+        raise InputError("dates and times have no place in a spec", file=path, remedy=FORM) from None
 
 
 @lru_cache(maxsize=2)
@@ -205,11 +202,7 @@ def _robot(given: Any, folder: Path) -> Any:
             f"robot: {unknown('robot', given, names)}, or the path of a robot file", column="robot",
             remedy="a path is relative to the spec",
         )  # fmt: skip
-    text = files.read_text(path)
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not valid TOML: {error}", file=path) from None
+    return files.parse_toml(files.read_text(path), path, "see models/delta.toml for the form")
 
 
 def _listed(table: dict[str, Any], folder: Path) -> dict[str, Any]:
