@@ -11,7 +11,7 @@ from pcalib.linearisation import Linearisation, linearise, residuals
 from pcalib.measurement import Measurements
 from pcalib.model import Model
 from pcalib.prediction import Prediction
-from pcalib.unknowns import Unknowns, apply, current
+from pcalib.unknowns import EFFECT_PRIOR_WIDTH, Unknowns, apply, current
 
 LOSSES = ("linear", "huber", "cauchy")
 ROBUST_AT = 2.5
@@ -31,8 +31,8 @@ _MEDIAN = 0.6745
 """Median of |z| for a standard normal z."""
 _SETTLED = 10
 """Steps after which the priors' scale stays what it is."""
-_NOTABLE = 0.05
-"""Relative change of the priors' scale that is worth another step."""
+_STEADY = 0.05
+"""Relative change of the priors' widths below which a fit may end; they follow it to the end, whatever the start."""
 _LEAST_DAMPING = 1e-12
 """Share of the largest diagonal element of JᵀJ: less is none."""
 
@@ -76,14 +76,16 @@ def minimise(
     prior = unknowns.prior[chosen] / scale
     held = np.isfinite(prior)
     geometric = np.flatnonzero((chosen < unknowns.n_geometry) & held)
+    effects = np.flatnonzero((chosen >= unknowns.n_geometry) & held)[: unknowns.n_effects]
     low, high = unknowns.lower[chosen] / scale, unknowns.upper[chosen] / scale
     rounding = float(np.sum((ROUNDING / data.sigma[data.mask]) ** 2))
-    tau = prior_scale or 1.0
+    tau, width = prior_scale or 1.0, prior[effects]
     damping, converged, count, idle, last = 0.0, False, 0, 0, np.inf
 
     def widened() -> np.ndarray:
         out = prior.copy()
         out[geometric] *= tau
+        out[effects] = width
         return out
 
     def position(model: Model) -> np.ndarray:
@@ -122,12 +124,14 @@ def minimise(
         size = float(np.abs(step).max(initial=0.0))
         shrink, last = min(1.0, size / last) if np.isfinite(last) else 1.0, size
         near = shrink * size < TOLERANCE or shrink**2 * float(np.sum((R @ step) ** 2)) < _NOTHING
-        earlier = (weight, tau)
+        earlier = (weight, tau, width)
         weight = robust_weights(at[0], data, loss)
         if prior_scale is None and len(geometric) and not damping and count <= _SETTLED:
-            found = _evidence(u[geometric], R, geometric, tau)
-            tau = found if abs(found / tau - 1) > _NOTABLE else tau
-        steady = np.abs(weight - earlier[0]).max() < 1e-3 and tau == earlier[1]
+            tau = _evidence(u[geometric], R, geometric, tau)
+        if len(effects) and not damping and count <= _SETTLED:
+            width = _widths(u[effects], least_squares.variances(R)[effects], width, prior[effects])
+        moved = np.abs(np.append(width / earlier[2], tau / earlier[1]) - 1).max()
+        steady = np.abs(weight - earlier[0]).max() < 1e-3 and moved < _STEADY
         converged = max_iterations == 1 or bool(steady and (idle >= 3 or (near and not damping)))
         damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
         if converged:
@@ -159,6 +163,14 @@ def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -
     else:
         found = np.median(np.abs(z[known]) / np.sqrt(gamma[known])) / _MEDIAN
     return float(np.clip(found, 1.0, 100.0))
+
+
+def _widths(u: np.ndarray, variance: np.ndarray, width: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """1σ of the priors of effects: one that is seen to be larger than usual is given room for it, and so not shrunk."""
+    gamma = 1.0 - variance / width**2
+    seen = np.isfinite(gamma) & (gamma > 0.5)
+    room = EFFECT_PRIOR_WIDTH * np.abs(u) / np.sqrt(np.where(seen, gamma, 1.0))
+    return np.where(seen, np.maximum(room, least), width)
 
 
 def robust_weights(error: np.ndarray, data: Measurements, loss: str) -> np.ndarray:

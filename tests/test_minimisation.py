@@ -19,3 +19,19 @@ def test_what_a_model_misses_does_not_widen_the_priors(delta, perturb, measure, 
         found = identification.fit(data, delta)
         assert found.status == "converged"
         assert found.prior_scale < 3
+
+
+def test_an_effect_far_larger_than_usual_is_not_shrunk(delta, perturb, measure):
+    """A metre that is 300 ppm off, thirty times what is usual, seen to some 20 ppm: the prior must not pull it back."""
+    scale = effects.get("tracker_scale", robot=delta)
+    tools = np.array([[0, 0, 0], [0, 0, -0.3], [0.2, 0, -0.1]])
+    off = []
+    for seed in range(12):
+        truth = replace(Model.nominal(delta), k=perturb(seed), effects=(FittedEffect(scale, np.array([3e-4])),))
+        data = measure(truth, 120, 5000 + seed, tools=tools)
+        found = identification.fit(data, delta, effects=[FittedEffect(scale, np.zeros(1))])
+        fitted = found.model.effects[0]
+        assert fitted.sigma is not None and 5e-6 < fitted.sigma[0] < 5e-5
+        off.append((fitted.theta[0] - 3e-4) / fitted.sigma[0])
+    assert abs(np.mean(off)) < 3 / np.sqrt(len(off))
+    assert 0.4 < np.std(off) < 1.7

@@ -36,6 +36,8 @@ class Cell:
     """Data sets per size, with noise of their own."""
     uneven: bool = False
     """Whether arms differ."""
+    named: bool = False
+    """Whether the robot file names the cycles per turn of its gears; else a ripple has to be searched for."""
     without: bool = False
     """Whether the truth is taken out of the library, which makes it something that no library lists."""
 
@@ -72,7 +74,7 @@ def cells(robot: Robot, quick: bool = False) -> list[Cell]:
     for design, robots in (("rich", 4), ("rich-position", 3), ("plain", 2), ("plain-position", 2)):
         for name in suited(catalogue.LISTED, design):
             for i in range(robots):
-                add("single", design, what=(name,), sizes=CURVE, uneven=i % 3 == 2)
+                add("single", design, what=(name,), sizes=CURVE, uneven=i % 3 == 2, named=i % 2 == 0)
     for design in MISSTATED:
         for name in suited(catalogue.LISTED, design):
             add("single", design, what=(name,), sizes=(6.0, 12.0))

@@ -109,7 +109,7 @@ def show(found: Results) -> None:
     added = found.to_json()["added"]
     if added:
         frame.show_table(
-            ("added", "s", "held-out RMS / noise before", "after", "without fault", "landing miss / without fault"),
+            ("added", "s", "held-out RMS / noise: before", "after", "no fault", "miss / no fault", "/ same model"),
             [
                 (
                     effect,
@@ -118,6 +118,7 @@ def show(found: Results) -> None:
                     f"{a['held_out']:.3f}",
                     f"{a['floor']:.3f}",
                     f"{a['landed']:.2f}",
+                    f"{a['landed_alike']:.2f}",
                 )
                 for effect, a in added.items()
             ],

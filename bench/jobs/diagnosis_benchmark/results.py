@@ -130,7 +130,7 @@ class Results:
             mine = [t for t in self.of("add") if t.grade.facts.effects == (effect,)]
             added[effect] = {
                 key: float(np.mean([getattr(t, key) for t in mine]))
-                for key in ("held_out_before", "held_out", "floor", "landed")
+                for key in ("held_out_before", "held_out", "floor", "landed", "landed_alike")
             } | {"s": float(np.mean([t.grade.facts.size for t in mine])), "robots": len(mine)}
         return {
             "schema": "pcbench.diagnosis_benchmark/1",

@@ -18,7 +18,8 @@ from bench.jobs.hidden.catalogue import CATALOGUE
 from bench.jobs.hidden.design import DESIGNS
 from bench.jobs.hidden.grading import SLACK, Answer, Facts, Grade
 from bench.jobs.hidden.stage import Stage
-from pcalib import compensation, effects, identification, planning
+from pcalib import compensation, identification, planning
+from pcalib import robot as robots
 from pcalib.diagnosis.diagnose import Diagnosis, diagnose, with_effects
 from pcalib.errors import FitError
 from pcalib.measurement import Measurements
@@ -54,6 +55,9 @@ class Trial:
     """The same of the robot without the fault."""
     landed: float = float("nan")
     """RMS miss of the compensated robot in MuJoCo over that of the robot without the fault, each calibrated."""
+    landed_alike: float = float("nan")
+    """The same over the robot without the fault whose fit allows for the effect all the same: what is left of the
+    ratio when both models have as much to find out."""
 
     def to_json(self) -> dict[str, Any]:
         """One record."""
@@ -68,7 +72,7 @@ class Trial:
         if self.cell.part == "add":
             out |= {
                 "held_out": self.held_out, "held_out_before": self.held_out_before, "floor": self.floor,
-                "landed": self.landed,
+                "landed": self.landed, "landed_alike": self.landed_alike,
             }  # fmt: skip
         return out
 
@@ -80,6 +84,8 @@ def run(robot: Robot, seed: int, cell: Cell) -> list[Trial]:
     if cell.part == "add":
         design = replace(design, check=CHECKED, interleaved=True)
     companion = any(CATALOGUE[name].companion for name in cell.what)
+    if cell.named and "gear_ripple" in cell.what:
+        robot = naming_its_gears(robot)
     stage = Stage.draw(design, robot, int(rng.integers(2**31)), companion)
     out = []
     for wanted, case in _cases(stage, cell, rng):
@@ -88,6 +94,12 @@ def run(robot: Robot, seed: int, cell: Cell) -> list[Trial]:
             trial = _added if cell.part == "add" else _diagnosed
             out.append(trial(cell, wanted, case, noise))
     return out
+
+
+def naming_its_gears(robot: Robot) -> Robot:
+    """The robot with a file that says how often its gears ripple per turn."""
+    cycles = CATALOGUE["gear_ripple"].typical["cycles_per_rev"]
+    return robots.parse(f"{robot.text}\n[drive]\nripple_per_turn = [{cycles:g}]\n", f"{robot.name}.toml")
 
 
 def _cases(stage: Stage, cell: Cell, rng: np.random.Generator) -> Iterator[tuple[float, Case]]:
@@ -161,29 +173,36 @@ def _added(cell: Cell, wanted: float, case: Case, noise: int) -> Trial:
         begun = time.perf_counter()
         found = diagnose(before.model, data)
         seconds = time.perf_counter() - begun
-        after = identification.fit(data, with_effects(before.model, (_start(found, effect, stage.robot),)), "complete")
-        bare = identification.fit(cases.nothing(stage).measure(noise), stage.robot, "complete", effects=stage.effects)
-        model, rigid = after.model, bare.model
+        added = _start(found, effect)
+        after = identification.fit(data, with_effects(before.model, (added,)), "complete")
+        clean = cases.nothing(stage).measure(noise)
+        bare = identification.fit(clean, stage.robot, "complete", effects=stage.effects)
+        absent = replace(added, theta=0.0 * added.theta)
+        alike = identification.fit(clean, with_effects(bare.model, (absent,)), "complete")
+        models = after.model, bare.model, alike.model
     except FitError:
         return Trial(cell, wanted, Grade(case.facts, Answer("no_fit", (), ())))
     floor = np.sqrt(3.0) * stage.design.sigma_pos
     held = [fit.check.rms_pos / floor if fit.check else np.nan for fit in (after, before, bare)]
-    ours, best = miss(case, model, noise), miss(cases.nothing(stage), rigid, noise)
+    nothing = cases.nothing(stage)
+    ours, best, same = (miss(c, m, noise) for c, m in zip((case, nothing, nothing), models, strict=True))
     return Trial(
         cell, wanted, Grade(case.facts, answer_of(found)), found.noise.source, seconds,
-        held_out=held[0], held_out_before=held[1], floor=held[2], landed=ours / best,
+        held_out=held[0], held_out_before=held[1], floor=held[2], landed=ours / best, landed_alike=ours / same,
     )  # fmt: skip
 
 
-def _start(found: Diagnosis, effect: str, robot: Robot) -> FittedEffect:
-    """The effect in the variant that the diagnosis names, at the values it found; else as it is tried first."""
+def _start(found: Diagnosis, effect: str) -> FittedEffect:
+    """The effect in the variant that the diagnosis names, at the values it found; else as it ranks first by itself."""
     for explanation in found.sets:
         if explanation.names == (effect,):
             [candidate], [theta], [spec] = explanation.candidates, explanation.theta, explanation.specs
-            assert candidate.effect is not None
-            return FittedEffect(candidate.effect, np.clip(theta, candidate.low, candidate.high), spec)
-    plain = effects.get(effect, None, robot)
-    return FittedEffect(plain, np.zeros(len(plain.parameters)), effect)
+            break
+    else:
+        best = next(f for f in found.findings if f.candidate.name == effect)
+        candidate, theta, spec = best.candidate, best.theta, best.candidate.spec
+    assert candidate.effect is not None
+    return FittedEffect(candidate.effect, np.clip(theta, candidate.low, candidate.high), spec)
 
 
 def miss(case: Case, model: Model, seed: int) -> float:
