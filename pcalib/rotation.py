@@ -34,37 +34,40 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
-def _coefficients(angle2: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """sin θ/θ, (1 − cos θ)/θ², (θ − sin θ)/θ³ from θ², by series where θ is small."""
-    small = angle2 < 1e-4
-    t2 = np.where(small, 1.0, angle2)
-    t = np.sqrt(t2)
-    a = np.where(small, 1 - angle2 / 6 * (1 - angle2 / 20 * (1 - angle2 / 42)), np.sin(t) / t)
-    b = np.where(small, 0.5 - angle2 / 24 * (1 - angle2 / 30 * (1 - angle2 / 56)), (1 - np.cos(t)) / t2)
-    c = np.where(small, 1 / 6 - angle2 / 120 * (1 - angle2 / 42 * (1 - angle2 / 72)), (t - np.sin(t)) / (t2 * t))
-    return a, b, c
-
-
 def exp(v: np.ndarray) -> np.ndarray:
     """Rotation matrix of a rotation vector. (..., 3) [rad] → (..., 3, 3)."""
     v = np.asarray(v, float)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    a, b, _ = _coefficients(x * x + y * y + z * z)
+    half = 0.5 * np.sqrt(x * x + y * y + z * z)
+    s = np.sin(half) / np.where(half > 0, half, 1.0) + (half == 0)
+    a, b = s * np.cos(half), 0.5 * s * s  # sin θ/θ and (1 − cos θ)/θ², exact for any θ
+    ax, ay, az = a * x, a * y, a * z
+    bx, by, bz = b * x, b * y, b * z
     out = np.empty((*v.shape, 3))
-    out[..., 0, 0] = 1 - b * (y * y + z * z)
-    out[..., 1, 1] = 1 - b * (x * x + z * z)
-    out[..., 2, 2] = 1 - b * (x * x + y * y)
-    out[..., 0, 1] = b * x * y - a * z
-    out[..., 1, 0] = b * x * y + a * z
-    out[..., 0, 2] = b * x * z + a * y
-    out[..., 2, 0] = b * x * z - a * y
-    out[..., 1, 2] = b * y * z - a * x
-    out[..., 2, 1] = b * y * z + a * x
+    out[..., 0, 0] = 1 - (by * y + bz * z)
+    out[..., 1, 1] = 1 - (bx * x + bz * z)
+    out[..., 2, 2] = 1 - (bx * x + by * y)
+    xy, xz, yz = bx * y, bx * z, by * z
+    out[..., 0, 1], out[..., 1, 0] = xy - az, xy + az
+    out[..., 0, 2], out[..., 2, 0] = xz + ay, xz - ay
+    out[..., 1, 2], out[..., 2, 1] = yz - ax, yz + ax
     return out
 
 
 def log(R: np.ndarray) -> np.ndarray:
     """Rotation vector of a rotation matrix, angle in [0, π]. (..., 3, 3) → (..., 3) [rad]."""
+    R = np.asarray(R, float)
+    cosine2 = R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1  # 2·cos θ
+    if not (cosine2 > -1.9).all():
+        return _log_of_any(R)
+    v = np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1)
+    sine2 = np.sqrt(dot(v, v))
+    small = sine2 < 1e-12
+    return v * np.where(small, 0.5, np.arctan2(sine2, cosine2) / np.where(small, 1.0, sine2))[..., None]
+
+
+def _log_of_any(R: np.ndarray) -> np.ndarray:
+    """Near half a turn the antisymmetric part says nothing of the axis; a quaternion does."""
     q = to_quaternion(R)
     q = np.where(q[..., :1] < 0, -q, q)
     s = np.linalg.norm(q[..., 1:], axis=-1)
@@ -76,7 +79,13 @@ def log(R: np.ndarray) -> np.ndarray:
 def left_jacobian(v: np.ndarray) -> np.ndarray:
     """J with exp(v + dv) ≈ exp(J·dv)·exp(v). (..., 3) → (..., 3, 3)."""
     v = np.asarray(v, float)
-    _, b, c = _coefficients(np.sum(v * v, axis=-1))
+    angle2 = np.sum(v * v, axis=-1)
+    small = angle2 < 1e-4
+    t2 = np.where(small, 1.0, angle2)
+    t = np.sqrt(t2)
+    # (1 − cos θ)/θ² and (θ − sin θ)/θ³, by series where θ is small
+    b = np.where(small, 0.5 - angle2 / 24 * (1 - angle2 / 30 * (1 - angle2 / 56)), (1 - np.cos(t)) / t2)
+    c = np.where(small, 1 / 6 - angle2 / 120 * (1 - angle2 / 42 * (1 - angle2 / 72)), (t - np.sin(t)) / (t2 * t))
     h = hat(v)
     return np.eye(3) + b[..., None, None] * h + c[..., None, None] * (h @ h)
 
