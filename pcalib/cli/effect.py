@@ -51,9 +51,11 @@ def command(what: str, name: str = "", /, *, robot: Path | None = None) -> int |
             "--robot is needed: effects are tried on poses of a robot", remedy="e.g. --robot models/delta.toml"
         )
     effect = user.load(name, described)
-    linear = "linear" if effect.linear else "not linear"
-    say(f"{effect.name} loads, adds nothing at zero, and is {linear} in its {len(effect.parameters)} parameters "
-        f"({', '.join(effect.channels)}).")  # fmt: skip
+    count = len(effect.parameters)
+    say(
+        f"{effect.name} loads, adds nothing at zero, and is {'' if effect.linear else 'not '}linear in its "
+        f"{f'{count} parameters' if count > 1 else 'one parameter'} ({', '.join(effect.channels)})."
+    )
     from pcalib.diagnosis.kinship import kinship
 
     for line in kinship(effect, described):

@@ -144,5 +144,9 @@ def save(path: Path, svg: str) -> None:
         raise InputError(f"drawings are SVG, not '{path.suffix}'", file=path, remedy="name a file that ends with .svg")
     for name, colour in (("ink", "#16181d"), ("quiet", "#5b616b"), ("rule", "#d9dde3"), ("paper", "#ffffff")):
         svg = svg.replace(f"var(--{name})", colour)
-    svg = svg.replace("<svg", '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"', 1)
+    svg = svg.replace(
+        "<svg",
+        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" style="background:#ffffff"',
+        1,
+    )
     files.write_text(path, svg)

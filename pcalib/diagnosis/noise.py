@@ -175,7 +175,7 @@ AGREE = 0.003
 
 
 def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
-    """Replicates sharpened by what is left over, where that agrees with them; a few replicates alone are a poor ruler."""
+    """Replicates sharpened by what is left over, where that agrees with them: a few replicates are a poor ruler."""
     from scipy.special import fdtr, fdtrc
 
     if rest is None:

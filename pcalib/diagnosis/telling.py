@@ -93,6 +93,8 @@ def details(found: Diagnosis) -> list[str]:
                 f"Held-out poses: χ² {before:.0f} → {after:.0f} with it"
                 + (", they confirm it." if after < before else ", they do not confirm it.")
             )
+    if found.verdict == "ambiguous" and len(found.sets) > 1:
+        out.append("Until more is measured, any of them corrects poses like these equally well.")
     if not found.noise.verified and found.verdict in ("established", "ambiguous", "unexplained"):
         out.append("Without replicates this is a ranking rather than a proof.")
     return out
@@ -189,7 +191,7 @@ def advice_lines(found: Diagnosis) -> list[str]:
         elif item["do"] == "replicate":
             lines.append("measure ten poses twice (same pose_id): they say what is noise.")
         elif item["do"] == "vary":
-            lines.append(f"to see {item['for']}, vary {', '.join(item['vary'])}.")
+            lines.append(f"to see {item['for']}, the data need {', '.join(item['vary']) or 'other poses'}.")
     return lines
 
 

@@ -121,7 +121,8 @@ class LibraryEffect:
 
     def say(self, quantity: EffectParameter, value: float) -> str:
         """One number with its unit."""
-        return f"{value / units.factor(quantity.unit):.3g} {units.spoken(quantity.unit)}"
+        shown = value / units.factor(quantity.unit)
+        return f"{shown if abs(value) > 1e-6 * quantity.prior else 0.0:.3g} {units.spoken(quantity.unit)}"
 
 
 class PlacedEffect(LibraryEffect):
@@ -198,7 +199,7 @@ def drive_unit(places: Places, angle: str, length: str) -> str:
 
 def stiffness(compliance: float, unit: str) -> str:
     """A compliance as the stiffness that people know, with its unit."""
-    if compliance == 0:
+    if abs(compliance) < 1e-6 * units.factor(unit):
         return "rigid"
     value = 1.0 / compliance
     if unit.endswith("_Nm"):
