@@ -26,7 +26,7 @@ class Loads:
     """Forces at N poses."""
 
     tension: np.ndarray
-    """(N, m) [N] rod forces, tension positive."""
+    """(N, m) [N] rod forces, tension positive; zero on guided rows, which are no rods."""
     torque: np.ndarray
     """(N, nq) [N·m or N] generalised load on each actuator, positive towards +q."""
     elbow: np.ndarray
@@ -68,7 +68,8 @@ def loads(
     q = np.atleast_2d(np.asarray(q, float))
     if at is None:
         at = kinematics.closure(mechanism, k, q, pose)
-    half = 0.5 * mass.get("rod", 0.0) * g
+    bodies = np.ones(at.f.shape[1]) if at.side.guide is None else np.isnan(at.side.guide[0, :, 0]).astype(float)
+    half = 0.5 * mass.get("rod", 0.0) * bodies[:, None] * g  # (m, 3)
     tool = np.broadcast_to(np.asarray(tool, float), pose.x.shape)
     payload = np.broadcast_to(np.asarray(payload, float), (len(q),))
 
@@ -76,10 +77,11 @@ def loads(
     J = kinematics.jacobian_state(mechanism, at, pose)
     tension = kinematics.solve(np.swapaxes(J, -1, -2), w)
 
-    per_rod = -tension * kinematics.rod_rate(at) + at.side.dA @ half
+    per_rod = -tension * kinematics.rod_rate(at) + rotation.dot(at.side.dA, half)
     spread = np.zeros((per_rod.shape[1], len(mechanism.actuators)))
     spread[np.arange(per_rod.shape[1]), mechanism.actuator] = 1.0
     torque = per_rod @ spread + mechanism.actuation.weight_moment(k, q, mass, g)
+    tension = tension * bodies
     return Loads(tension, torque, tension[..., None] * at.n + half, at.n, at.side.dA, at.side.A)
 
 
@@ -93,19 +95,19 @@ def _weight(
     payload: np.ndarray,
 ) -> np.ndarray:
     """w (N, n_state): generalised weights on the plate's twist about C [N, N·m] and on its hinges [N·m]."""
-    N, m = at.f.shape
-    w = np.empty((N, 6))
-    w[:, :3] = plate + payload + m * half
+    w = np.empty((len(at.f), 6))
+    w[:, :3] = plate + payload + half.sum(axis=0)
     lever = (pose.R @ tool[..., None])[..., 0]
-    w[:, 3:] = rotation.cross(lever, payload) + rotation.cross(at.r.sum(axis=1), half)
+    w[:, 3:] = rotation.cross(lever, payload) + rotation.cross(at.r, half).sum(axis=1)
     w = w[:, list(mechanism.plate_dofs)]
     if mechanism.hinges:
         # A hinged body carries the half rods at its anchors; plate mass and payload are the central body's.
-        down = pose.R.swapaxes(-1, -2) @ half
+        down = half @ pose.R  # (N, m, 3), plate frame
         columns = []
         for h, hinge in enumerate(at.hinges):
             rods = mechanism.rods_on(h)
-            arm = (at.b[:, rods] - hinge.point).sum(axis=1)
-            columns.append(np.sum(rotation.cross(np.broadcast_to(hinge.axis, arm.shape), arm) * down, axis=-1))
+            arm = at.b[:, rods] - hinge.point
+            swing = rotation.cross(np.broadcast_to(hinge.axis, arm.shape), arm)
+            columns.append(np.sum(swing * down[:, rods], axis=(1, 2)))
         w = np.hstack([w, np.stack(columns, axis=-1)])
     return w

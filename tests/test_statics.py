@@ -52,7 +52,8 @@ def potential(robot, k, q, pose, tool, payload, gravity):
     A = robot.mechanism.actuation.base(k, q).A
     B = anchors_on_plate(robot.mechanism, k, pose)
     height = m.get("plate", 0) * pose.x @ gravity + payload * (pose.tcp(tool) @ gravity)
-    height += 0.5 * m.get("rod", 0) * (A @ gravity + B @ gravity).sum(axis=1)
+    bodies = np.array([name != "drive" for name in robot.mechanism.rods])  # the planar drive's row is no rod
+    height += 0.5 * m.get("rod", 0) * (A @ gravity + B @ gravity)[:, bodies].sum(axis=1)
     return -height
 
 
@@ -76,7 +77,10 @@ def test_virtual_work(path, gravity):
         step = h * np.eye(len(mechanism.actuators))[i]
         slope = (energy(q + step) - energy(q - step)) / (2 * h)
         np.testing.assert_allclose(got.torque[:, i] - own[:, i], -slope, atol=1e-6)
-    for r in range(len(mechanism.rods)):
+    for r, name in enumerate(mechanism.rods):
+        if name == "drive":
+            assert not got.tension[:, r].any()
+            continue
         step = np.broadcast_to(h * np.eye(len(mechanism.rods))[r], (n, len(mechanism.rods)))
         slope = (energy(q, Deviation(rod=step)) - energy(q, Deviation(rod=-step))) / (2 * h)
         np.testing.assert_allclose(got.tension[:, r], -slope, atol=1e-6)

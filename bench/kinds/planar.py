@@ -26,12 +26,13 @@ def _spec(robot: Robot) -> mujoco.MjSpec:
     assembly.bar(base, *feet, 0.02, assembly.FRAME)
 
     length = size["l1"]
-    rod = assembly.body(base, "rod1", feet[0], mass=mass, com=(0, 0, -length / 2), size=length / 4, turn=TURN)
+    rod = assembly.body(base, "rod1", feet[0], mass=mass / 2, com=(0, 0, -length / 4), size=length / 4, turn=TURN)
     assembly.joint(rod, "q1", (1, 0, 0), range=robot.joint_range)
     assembly.bar(rod, (0, 0, 0), (0, 0, -length), 0.015, assembly.ARM)
-    tip = assembly.body(rod, "tip1", (0, 0, -length), turn=TURN.T)  # the axes of the plate
-    assembly.joint(tip, "plate.turn", assembly.Z)
-    tip.add_site(name="end1")
+    tip = assembly.body(rod, "tip1", (0, 0, -length), mass=mass / 2, com=(0, 0, length / 4), size=length / 4)
+    carrier = assembly.body(tip, "carrier", turn=TURN.T)  # the axes of the plate
+    assembly.joint(carrier, "plate.turn", assembly.Z)
+    carrier.add_site(name="end1")
     assembly.anchor(plate, "1", [-size["b1x"], 0.0, 0.0])
     spec.add_equality(
         name="joint1", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_SITE, name1="end1", name2="b1"
