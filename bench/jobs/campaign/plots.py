@@ -16,9 +16,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#D55E00", "#0072B2", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9", "#999999")
-"""One per method; the colour-blind can tell them apart."""
-LINES = ("-", "--", "-.", "-", ":", "-", "--", "-.")
+LOOKS: dict[str, dict[str, Any]] = {
+    "nominal": {"color": "#D55E00", "linestyle": "-"},
+    "classical": {"color": "#0072B2", "linestyle": "--"},
+    "model24": {"color": "#56B4E9", "linestyle": "--"},
+    "paper": {"color": "#009E73", "linestyle": "-."},
+    "complete": {"color": "#000000", "linestyle": "-"},
+}
+"""The usual methods look the same in all campaigns; the colour-blind can tell the colours apart."""
+OTHERS = ("#CC79A7", "#E69F00", "#999999", "#882255", "#44AA99", "#117733")
 STYLE: Any = {
     "font.size": 9, "axes.titlesize": 10, "axes.titlelocation": "left", "axes.grid": True, "grid.color": "#dddddd",
     "grid.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False, "lines.linewidth": 1.6,
@@ -27,6 +33,8 @@ STYLE: Any = {
 BAND = (5.0, 95.0)
 """Percentiles over robots that bands reach from and to."""
 MOST_CELLS = 6
+MOST_POINTS = 400
+"""Of one curve: more cannot be seen."""
 
 
 def write(summary: Summary, folder: Path) -> list[Path]:
@@ -56,7 +64,9 @@ def write(summary: Summary, folder: Path) -> list[Path]:
 def _plots(summary: Summary) -> Iterator[tuple[str, Callable[[Figure], None]]]:
     if not any(len(g.rms) for g in summary.groups):
         return
-    cells = sorted({g.cell for g in summary.groups})[:MOST_CELLS]
+    cells = sorted({g.cell for g in summary.groups})
+    if len(cells) > MOST_CELLS:  # some of them, from the first to the last
+        cells = [cells[i] for i in np.linspace(0, len(cells) - 1, MOST_CELLS).round().astype(int)]
     yield "distributions", lambda figure: distributions(figure, summary, cells)
     if len({g.tool_length for g in summary.groups}) > 1:
         yield "tool_length", lambda figure: tool_length(figure, summary, cells)
@@ -79,9 +89,8 @@ def distributions(figure: Figure, summary: Summary, cells: Sequence[int]) -> Non
             for look, method in _methods(summary):
                 for g in select(here, method=method):
                     if len(g.rms):
-                        x = np.sort(g.rms) * 1e6
-                        y = 100 * (np.arange(len(x)) + 0.5) / len(x)
-                        ax.plot(np.r_[x[0], x, x[-1]], np.r_[0, y, 100], **look, label=method)
+                        share = np.linspace(0, 100, min(len(g.rms), MOST_POINTS) + 1)
+                        ax.plot(np.percentile(g.rms, share) * 1e6, share, **look, label=method)
             _logarithmic(ax.xaxis)
             ax.set_ylim(0, 100)
             if row == 0 and here:
@@ -155,14 +164,16 @@ def _finish(figure: Figure, axes: Any, title: str) -> None:
     figure.suptitle(title, x=0.01, ha="left", weight="bold")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4))
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
 
 
 def _logarithmic(axis: Any) -> None:
     """A logarithmic axis in plain numbers."""
+    from matplotlib.ticker import NullLocator
+
     (axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale)("log")
     axis.set_major_formatter(lambda value, _: f"{value:g}" if value < 1 else f"{value:,.0f}".replace(",", " "))
-    axis.set_minor_formatter(lambda value, _: "")
+    axis.set_minor_locator(NullLocator())
 
 
 def _band(ax: Axes, points: Sequence[tuple[float, Group]], look: dict[str, Any], method: str) -> None:
@@ -176,8 +187,13 @@ def _band(ax: Axes, points: Sequence[tuple[float, Group]], look: dict[str, Any],
 
 
 def _methods(summary: Summary) -> Iterator[tuple[dict[str, Any], str]]:
-    for i, method in enumerate(dict.fromkeys(g.method for g in summary.groups)):
-        yield {"color": COLOURS[i % len(COLOURS)], "linestyle": LINES[i % len(LINES)]}, method
+    others = 0
+    for method in dict.fromkeys(g.method for g in summary.groups):
+        if method in LOOKS:
+            yield LOOKS[method], method
+        else:
+            yield {"color": OTHERS[others % len(OTHERS)], "linestyle": ":" if others % 2 else "-"}, method
+            others += 1
 
 
 def _tools(summary: Summary) -> list[str]:
