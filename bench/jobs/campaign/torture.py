@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -57,36 +58,42 @@ def command(*, kills: int = 20, robots: int = 120, quick: bool = False, seed: in
         assert whole == 0
         alone = time.monotonic() - begun
         print(f"uninterrupted: {alone:.1f} s, {_digest(folder / 'whole')[:16]}", flush=True)
-        done, attempts = 0, 0
+        done, runs = 0, 0
         while True:
-            attempts += 1
-            # Moments spread over start, work and end; later ones as fewer kills are left to be had.
-            patience = rng.uniform(0.3, 0.3 + alone / 3) if done < kills else None
-            code, what = _run(folder, "killed", patience, rng)
-            parts = len(list((folder / "killed" / "parts").glob("[0-9]*.parquet")))
+            runs += 1
+            # Some moments lie anywhere from the start, most of them after the first part that this run has finished.
+            patience = rng.uniform(0.0, alone / 5) if done < kills else None
+            code, what = _run(folder, "killed", patience, rng, after_a_part=rng.random() < 0.8)
             finished = (folder / "killed" / "results.parquet").exists()
-            if code == 0 and patience is not None:  # it got through before: begin once more, kills still to be had
+            if code == 0 and patience is not None:  # it got through before: begin once more, kills are still to be had
                 same = _digest(folder / "killed") == _digest(folder / "whole")
                 print(f"ended between kills, {'the same bytes' if same else 'OTHER BYTES'}; once more", flush=True)
                 if not same:
                     return 1
-                _remove(folder / "killed")
+                shutil.rmtree(folder / "killed")
                 continue
             if code == 0:
                 break
             done += 1
-            state = "results are there" if finished else f"{parts} of {robots // 2} parts are there"
-            print(f"kill {done}: {what} after {patience:.2f} s, {state}", flush=True)
+            state = "results are there" if finished else f"{_parts(folder / 'killed')} of {robots // 2} parts are there"
+            print(f"kill {done} of {what}: {state}", flush=True)
         same = _digest(folder / "killed") == _digest(folder / "whole")
-        print(f"{done} kills in {attempts} runs: {'byte-identical' if same else 'OTHER BYTES'}")
+        print(f"{done} kills in {runs} runs: {'byte-identical' if same else 'OTHER BYTES'}")
         return 0 if same else 1
 
 
-def _run(folder: Path, name: str, patience: float | None, rng: random.Random) -> tuple[int, str]:
-    """Run the campaign, killed after `patience` [s]; its return code, and what was killed."""
+def _run(
+    folder: Path, name: str, patience: float | None, rng: random.Random, after_a_part: bool = False
+) -> tuple[int, str]:
+    """Run the campaign, killed `patience` [s] after its start or its first part; return code, and what was killed."""
     command = [*COMMAND, str(folder / "spec.toml"), "-o", str(folder / name), "--no-figures"]
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, start_new_session=True)
+    had = _parts(folder / name)
+    process = subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     what = "everything" if rng.random() < 0.5 else "the main process"
+    while patience is not None and after_a_part and process.poll() is None and _parts(folder / name) <= had:
+        time.sleep(0.002)
     try:
         process.wait(patience)
     except subprocess.TimeoutExpired:
@@ -95,14 +102,12 @@ def _run(folder: Path, name: str, patience: float | None, rng: random.Random) ->
     return process.returncode, what
 
 
+def _parts(folder: Path) -> int:
+    return len(list((folder / "parts").glob("[0-9]*.parquet")))
+
+
 def _digest(folder: Path) -> str:
     return hashlib.sha256((folder / "results.parquet").read_bytes()).hexdigest()
-
-
-def _remove(folder: Path) -> None:
-    for path in sorted(folder.rglob("*"), reverse=True):
-        path.rmdir() if path.is_dir() else path.unlink()
-    folder.rmdir()
 
 
 if __name__ == "__main__":
