@@ -221,9 +221,14 @@ def suit(robot: Robot, faults: Iterable[Fault]) -> None:
             raise InputError(error.problem, column=f"faults.{fault.name}", remedy=error.remedy) from None
 
 
+def rods(robot: Robot) -> tuple[str, ...]:
+    """Names of the rods that are bodies: the drive of a driven rod has a row among them, and is none."""
+    return tuple(rod for rod in robot.mechanism.rods if rod != "drive")
+
+
 def counts(robot: Robot) -> dict[str, int]:
     """How many numbers a setting 'per' something has on a robot."""
-    return {"actuator": len(robot.mechanism.actuators), "rod": len(robot.mechanism.rods), "axis": 3}
+    return {"actuator": len(robot.mechanism.actuators), "rod": len(rods(robot)), "axis": 3}
 
 
 def typical(robot: Robot, name: str, scale: float = 1.0) -> Fault:

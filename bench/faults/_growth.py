@@ -24,13 +24,16 @@ class Growth(Fault):
 
     LETTER: ClassVar[str]
     """Of the parameters that grow: p, a or l."""
+    LEGS: ClassVar[str] = ""
+    """Of those that grow besides where rods are legs of commanded length."""
     PART: ClassVar[str]
     """Whose temperature counts: arms, rods or base."""
 
     def __init__(self, robot: Robot, **values: Any):
         super().__init__(robot, **values)
         names = robot.mechanism.parameters
-        self._grows = np.array([re.fullmatch(rf"{self.LETTER}\d+(\.[xyz])?", name) is not None for name in names])
+        letters = self.LETTER + (self.LEGS if robot.kind == "hexapod" else "")
+        self._grows = np.array([re.fullmatch(rf"[{letters}]\d+(\.[xyz])?", name) is not None for name in names])
         if not self._grows.any():
             raise InputError(
                 f"fault '{self.name}': a robot of kind '{robot.kind}' has no {self.PART} of its own to grow",

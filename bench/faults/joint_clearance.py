@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from bench.commands import Row
-from bench.faults import Fault
+from bench.faults import Fault, rods
 from bench.rig import Rig
 from bench.settings import Setting
 
@@ -25,7 +25,7 @@ class JointClearance(Fault):
     loaded = True
 
     def build(self, spec: mujoco.MjSpec) -> None:
-        for rod in self.robot.mechanism.rods:
+        for rod in rods(self.robot):
             self.joint(self.body(spec, f"tip{rod}"), f"rod{rod}.gap", "slide", (0, 0, -1))
 
     def settle(self, rig: Rig, row: Row) -> bool:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 
-from bench.faults import Fault
+from bench.faults import Fault, rods
 from bench.settings import Setting
+from pcalib.errors import InputError
+from pcalib.robot import Robot
 
 
 class PlateFlexing(Fault):
@@ -16,8 +20,16 @@ class PlateFlexing(Fault):
         Setting("compliance", "compliance", low=0.0, high=1e-4, typical=1e-7, per="rod", about="1/k of each ear"),
     )
 
+    def __init__(self, robot: Robot, **values: Any):
+        if robot.kind == "planar":
+            raise InputError(
+                "fault 'plate_flexing': the rods of a planar robot do not pull out of its plate's plane",
+                remedy="leave this fault out for this robot",
+            )
+        super().__init__(robot, **values)
+
     def build(self, spec: mujoco.MjSpec) -> None:
-        for rod, compliance in zip(self.robot.mechanism.rods, self.values["compliance"], strict=True):
+        for rod, compliance in zip(rods(self.robot), self.values["compliance"], strict=True):
             if not compliance:
                 continue
             site = self.site(spec, f"b{rod}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from bench.faults import Fault
+from bench.faults import Fault, rods
 from bench.settings import Setting
 
 
@@ -21,7 +21,7 @@ class RodCompliance(Fault):
     )
 
     def build(self, spec: mujoco.MjSpec) -> None:
-        for rod, compliance in zip(self.robot.mechanism.rods, self.values["compliance"], strict=True):
+        for rod, compliance in zip(rods(self.robot), self.values["compliance"], strict=True):
             if compliance:
                 self.joint(self.body(spec, f"tip{rod}"), f"rod{rod}.stretch", "slide", (0, 0, -1), 1.0 / compliance)
 

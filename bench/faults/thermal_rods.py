@@ -6,9 +6,9 @@ from bench.faults._growth import Growth, expansion
 
 
 class ThermalRods(Growth):
-    """Every rod grows along itself by α·(T − 20 °C). Carbon 0–2 ppm/K, steel 12."""
+    """Every rod grows along itself by α·(T − 20 °C), legs with their screws. Carbon 0–2 ppm/K, steel 12."""
 
-    LETTER, PART = "l", "rods"
+    LETTER, PART, LEGS = "l", "rods", "s"
     NEEDS = ("temp_rods",)
     MJCF = "positions of bodies `tip11` …"
     SETTINGS = expansion(2e-06)
