@@ -26,7 +26,9 @@ NEGLIGIBLE = 1e-3
 """Gain of a step in χ², in units of χ²/M, that no noise would let anyone see; three such steps in a row are the end.
 Where a model misses something, Gauss–Newton creeps on along directions that the data hardly know."""
 _MANY = 20
-"""Directions that the data know better than the priors do, from which on their median says what is usual."""
+"""Directions that the data know better than the drawing does, from which on their median says what is usual."""
+_SCALES = np.geomspace(1.0, 100.0, 60)
+"""Of the priors, between which is interpolated."""
 _MEDIAN = 0.6745
 """Median of |z| for a standard normal z."""
 _SETTLED = 10
@@ -141,11 +143,13 @@ def minimise(
 
 
 def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -> float:
-    """The prior's scale that agrees with the geometric errors found, never below the stated tolerances.
+    """The prior's scale τ that agrees with the geometric errors found, never below the stated tolerances.
 
-    Along the eigenvectors of the data's information a posterior mean z has variance τ²γ, γ = λ/(λ + 1/τ²). Where there
-    are many, the median of |z|/√γ is taken and not the mean square: something that the model misses shows in a few
-    directions, as errors of many tolerances, and must not make room for itself.
+    Along an eigenvector of the data's information λ the unshrunk estimate has variance τ² + 1/λ. Evidence asks that
+    the shrunk ones have the size that they should have in the mean square (MacKay 1992). Where the data know many
+    directions better than the drawing does, their median is asked for and not the mean: something that the model
+    misses shows in a few directions, as errors of many tolerances, and must not make room for itself. Nothing here
+    depends on the τ at which `u` was found, so that τ is found at once.
     """
     corner = R
     if len(geometric) < len(R):
@@ -156,13 +160,23 @@ def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -
     if not np.isfinite(corner).all():
         return tau
     information, V = np.linalg.eigh(corner.T @ corner)
-    z, gamma = V.T @ u, np.maximum(1.0 - 1.0 / (tau**2 * np.maximum(information, 1e-300)), 0.0)
-    known = gamma > 0.5
-    if np.sum(known) < _MANY:
-        found = np.sqrt(np.sum(z**2) / max(float(np.sum(gamma)), 1e-3))
+    of_data = information - 1 / tau**2
+    known = of_data > 1
+    many = known.sum() >= _MANY
+    seen = known if many else of_data > 1e-6
+    if not seen.any():
+        return 1.0
+    estimate = (V.T @ u)[seen] * information[seen] / of_data[seen]
+    share = _SCALES[:, None] ** 2 / (_SCALES[:, None] ** 2 + 1 / of_data[seen])
+    if many:
+        size = np.median(np.abs(estimate) * np.sqrt(share), axis=1) / (_MEDIAN * _SCALES)
     else:
-        found = np.median(np.abs(z[known]) / np.sqrt(gamma[known])) / _MEDIAN
-    return float(np.clip(found, 1.0, 100.0))
+        size = np.sqrt(np.sum((share * estimate) ** 2, axis=1) / np.sum(share, axis=1)) / _SCALES
+    enough = np.flatnonzero(size <= 1)
+    if not len(enough) or enough[0] == 0:
+        return float(_SCALES[0 if len(enough) else -1])
+    between = slice(enough[0] - 1, enough[0] + 1)
+    return float(np.exp(np.interp(0.0, -np.log(np.maximum(size[between], 1e-300)), np.log(_SCALES[between]))))
 
 
 def _widths(u: np.ndarray, variance: np.ndarray, width: np.ndarray, least: np.ndarray) -> np.ndarray:
