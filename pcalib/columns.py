@@ -135,7 +135,8 @@ def payload(columns: Columns) -> np.ndarray:
     values = columns.si("payload")
     if (values < 0).any():
         row = int(np.argmax(values < 0))
-        raise columns.table.error("a payload cannot be negative", row=row, column=columns.name("payload"))
+        name, remedy = columns.name("payload"), "write 0 where there is none"
+        raise columns.table.error("a payload cannot be negative", row=row, column=name, remedy=remedy)
     return values
 
 

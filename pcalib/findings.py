@@ -242,7 +242,7 @@ def against_nominal(data: Measurements, nominal: Nominal) -> Iterator[Finding]:
     if nominal.explanations:
         yield Finding(
             "error", "swapped_columns",
-            f"The data are {nominal.rms * 1e3:.3g} mm rms from the nominal robot, and would fit if "
+            f"The data are {nominal.distance} from the nominal robot, and would fit if "
             + ", or if ".join(nominal.explanations[:3]) + ": correct the columns.",
         )  # fmt: skip
     elif data.frame == "base" and nominal.rms > mixups.LARGE and nominal.aligned_rms < mixups.GAIN * nominal.rms:

@@ -34,6 +34,8 @@ from pcalib.sufficiency import require_enough, require_order, require_reach
 from pcalib.unknowns import Unknowns, current, unknowns_of
 
 METHODS = ("map", "base", "linear")
+_FAR = 6
+"""Times the median residual from which a row is named: noise alone reaches three."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,8 @@ class Fit:
     """'converged', 'not_converged' or 'rank_deficient'."""
     reason: str
     """Why a status other than converged."""
+    remedy: str
+    """And what to do about it."""
     method: str
     iterations: int
     unknowns: Unknowns
@@ -81,6 +85,10 @@ class Fit:
     warnings: tuple[str, ...]
     lines: np.ndarray
     """(N,) source lines of the rows."""
+    held: np.ndarray
+    """(N,) bool, rows held out."""
+    source: str
+    """The measurement file, for messages."""
 
     @property
     def model(self) -> Model:
@@ -90,7 +98,8 @@ class Fit:
             FitError: the fit did not converge or the data cannot support the level.
         """
         if self.status != "converged":
-            raise FitError(f"the fit is not usable ({self.status.replace('_', ' ')}): {self.reason}")
+            status = self.status.replace("_", " ")
+            raise FitError(f"{self.source}: the fit is not usable ({status}): {self.reason}\n  {self.remedy}")
         return self.candidate
 
     @property
@@ -142,7 +151,8 @@ def fit(
     fitted = data.take(~data.check) if data.check.any() else data
     used = _explained(fitted, unknowns)
     if len(used) == 0:
-        raise InputError("no rows to fit: all are set = check", file=data.source)
+        remedy = "mark some rows fit, or leave the column 'set' out"
+        raise InputError("no rows to fit: all are set = check", file=data.source, remedy=remedy)
     model = replace(model, frame=(model.frame or register(model, used)) if tracker else None)
     if not unknowns.level.raw:
         model = model.with_geometry(model.robot.mechanism.nominal + unknowns.level.project(model.errors))
@@ -180,7 +190,7 @@ def _conclude(
     half = least_squares.root(state.R) * unknowns.scale[chosen][:, None]
     covariance = np.zeros((len(unknowns.names),) * 2)
     covariance[np.ix_(chosen, chosen)] = half @ half.T
-    status, reason = _verdict(state, ident, expected, method, unknowns)
+    status, reason, remedy = _verdict(state, ident, expected, method, unknowns)
 
     fitted, held = ~data.check, data.check
     error, weight = np.empty((len(data), 6)), np.ones(len(data))
@@ -199,6 +209,7 @@ def _conclude(
         candidate=_with_sigma(state.model, unknowns, covariance),
         status=status,
         reason=reason,
+        remedy=remedy,
         method=method,
         iterations=state.iterations,
         unknowns=unknowns,
@@ -213,31 +224,38 @@ def _conclude(
         prior_scale=state.prior_scale,
         warnings=_warnings(data, error, unknowns, ident, expected, state),
         lines=data.lines,
+        held=held,
+        source=data.source,
     )
 
 
 def _verdict(
     state: State, ident: Identifiability, expected: int, method: str, unknowns: Unknowns
-) -> tuple[str, str]:
+) -> tuple[str, str, str]:
+    """Status, its reason, and what to do."""
     if ident.n_identified < (expected if method != "map" else (expected + 1) // 2):
-        return "rank_deficient", (
-            f"the data identify {ident.n_identified} of the {expected} directions of level {unknowns.level.name}; "
-            "spread the poses over the workspace ('pcalib plan'), or fit a simpler level"
+        return (
+            "rank_deficient",
+            f"the data identify {ident.n_identified} of the {expected} directions of level {unknowns.level.name}",
+            "spread the poses over the workspace ('pcalib plan'), or fit a simpler level",
         )
     if not state.converged:
-        return "not_converged", (
-            f"no minimum after {state.iterations} iterations; the data may belong to another robot, or columns or "
-            "units may be swapped (run 'pcalib inspect')"
+        return (
+            "not_converged",
+            f"no minimum after {state.iterations} iterations",
+            "the data may belong to another robot, rows to other commands, or columns or units may be mixed up: "
+            "'pcalib inspect' with --robot names them",
         )
     if unknowns.level.strict and ident.n_identified < unknowns.n_geometry:
         unseen = [axis for c, axis in enumerate("xyz") if c not in state.linear.component]
         cause = f" ({' and '.join(unseen)} never measured: a shift along them leaves no trace)" if unseen else ""
-        return "rank_deficient", (
+        return (
+            "rank_deficient",
             f"the values of level {unknowns.level.name} are handed on one by one, but these readings fix only "
-            f"{ident.n_identified} of {unknowns.n_geometry}{cause}: {'; '.join(ident.sentences())}; "
-            "fit a level without them, hold them with --fix, or measure what tells them apart"
+            f"{ident.n_identified} of {unknowns.n_geometry}{cause}: {'; '.join(ident.sentences())}",
+            "fit a level without them, hold them with --fix, or measure what tells them apart",
         )
-    return "converged", ""
+    return "converged", "", ""
 
 
 def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray) -> Model:
@@ -306,6 +324,16 @@ def _warnings(
     low = data.lines[fitted][state.weight < 0.5]
     if len(low):
         out.append(f"{len(low)} rows are far from the model and weigh little ({_lines(low)}); look at them")
+    length = np.linalg.norm(np.nan_to_num(error[fitted, :3]), axis=1)
+    beyond = (length > _FAR * np.median(length)) & (length > _FAR * data.sigma[fitted, 0]) & (state.weight >= 0.5)
+    far = data.lines[fitted][beyond]
+    if len(far):
+        out.append(
+            f"{_lines(far)}: more than {_FAR} times as far from the model as half of all rows; do command and "
+            "measurement belong together? --loss huber gives such rows little weight"
+        )
+    if data.robot_name and data.robot_name != state.model.robot.name:
+        out.append(f"the file names robot '{data.robot_name}', the robot file is of '{state.model.robot.name}'")
     lost = data.lines[data.check & data.mask.any(axis=1) & np.isnan(error).all(axis=1)]
     if len(lost):
         out.append(f"{len(lost)} check rows are out of the fitted robot's reach and not counted ({_lines(lost)})")

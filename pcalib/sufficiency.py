@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pcalib import prediction
+from pcalib import linearisation, prediction
 from pcalib.errors import InputError
 from pcalib.identifiability import THRESHOLD, project_out
 from pcalib.measurement import Measurements
@@ -32,28 +32,41 @@ def require_reach(p: Prediction, data: Measurements) -> None:
             f"the robot cannot close its loops at this command: {str(p.status[bad[0]]).replace('_', ' ')}{more}",
             file=data.source,
             line=int(data.lines[bad[0]]),
-            remedy="check the sign, order and unit of the actuator columns against the robot file",
+            remedy="check the sign, order and unit of the actuator columns, and that robot and data belong together",
         )
 
 
+def require_usable(model: Model, data: Measurements) -> None:
+    """Refuse data that a model cannot be compared with: no rows to fit, loops that do not close, columns mixed up."""
+    fitted = data.take(~data.check)
+    if not len(fitted):
+        remedy = "mark some rows fit, or leave the column 'set' out"
+        raise InputError("no rows to fit: all are set = check", file=data.source, remedy=remedy)
+    error, p = linearisation.residuals(model, fitted)
+    require_reach(p, fitted)
+    require_order(error, fitted, model.robot)
+
+
 def require_order(error: np.ndarray, data: Measurements, robot: Robot) -> None:
-    """Refuse data that fit the nominal robot only with columns swapped or axes mirrored.
+    """Refuse data that fit the nominal robot only with columns swapped, axes mirrored or another unit of angles.
 
     Args:
-        error: (N, 6) residuals of the nominal robot.
+        error: (N, 6) residuals of the nominal robot, or of a calibrated one.
     """
     from pcalib import mixups
 
-    length = np.linalg.norm(error[~np.isnan(error[:, :3]).any(axis=1), :3], axis=1)
-    if not len(length) or np.median(length) < mixups.LARGE:
+    length, turn = (np.linalg.norm(e[~np.isnan(e).any(axis=1)], axis=1) for e in (error[:, :3], error[:, 3:]))
+    if not len(length) or (
+        np.median(length) < mixups.LARGE and not (len(turn) and np.median(turn) > mixups.LARGE_TURN)
+    ):
         return
     found = mixups.compare(data, robot)
     if found.explanations:
         raise InputError(
-            f"the data are {found.rms * 1e3:.0f} mm (RMS) from the nominal robot, and fit it where "
+            f"the data are {found.distance} from the nominal robot, and fit it where "
             f"{' or where '.join(found.explanations)}",
             file=data.source,
-            remedy="put the columns in order, or check the robot file ('pcalib inspect' says more)",
+            remedy="correct the columns, or check the robot file ('pcalib inspect' says more)",
         )
 
 

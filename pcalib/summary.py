@@ -53,7 +53,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "level": model.level,
         "method": fit.method,
         "status": fit.status,
-        "reason": fit.reason or None,
+        "reason": f"{fit.reason}; {fit.remedy}" if fit.reason else None,
         "effects": [
             {
                 "effect": f.effect.name,

@@ -76,3 +76,42 @@ def test_too_little_to_say(base):
     assert np.isnan(mixups.compare(base.take(slice(0, 3)), DELTA).rms)
     blank = replace(base, position=np.full((30, 3), np.nan), mask=np.zeros((30, 6), bool))
     assert np.isnan(mixups.compare(blank, DELTA).rms)
+
+
+def test_radians_in_columns_of_degrees_are_named(base):
+    found = mixups.compare(replace(base, q=np.radians(base.q)), DELTA)
+    assert found.explanations == ("q1, q2, q3 are in radians, not degrees",)
+
+
+@pytest.mark.parametrize(
+    ("misread", "said"),
+    [
+        (lambda R: Rotation.from_rotvec(np.degrees(R.as_rotvec())), "the rotation is in degrees, not radians"),
+        (lambda R: Rotation.from_euler("x", 50, degrees=True) * R, None),  # another target, and no misreading
+        (
+            lambda R: Rotation.from_quat(R.as_quat(canonical=True), scalar_first=True),
+            "the quaternion's columns are in the order x, y, z, w",
+        ),
+    ],
+    ids=["degrees", "turned", "scalar last"],
+)
+def test_rotations_read_wrongly_are_named(base, misread, said):
+    turned = Rotation.from_rotvec(3e-3 * np.random.default_rng(1).standard_normal((30, 3)))
+    mask = np.ones((30, 6), bool)
+    sound = replace(base, rotation=turned.as_matrix(), mask=mask)
+    # The measured point lies on the tool, and moves with the plate: here it is the plate's centre.
+    centre = kinematics.forward(DELTA.mechanism, DELTA.mechanism.nominal, base.q).pose.x
+    sound = replace(sound, position=centre, tool=np.zeros((30, 3)))
+    assert mixups.compare(sound, DELTA).explanations == ()
+    found = mixups.compare(replace(sound, rotation=misread(turned).as_matrix()), DELTA)
+    assert found.explanations == ((said,) if said else ())
+
+
+def test_a_rotation_of_the_base_in_the_plate_is_named():
+    """Where the robot commands the rotation, its inverse is another one."""
+    hexapod = robot.load(Path(__file__).resolve().parents[1] / "models" / "hexapod.toml")
+    q = planning.reachable(hexapod, 30, np.random.default_rng(0)).q
+    pose = kinematics.forward(hexapod.mechanism, hexapod.mechanism.nominal, q).pose
+    data = Measurements.create(hexapod, q, pose.x, np.swapaxes(pose.R, 1, 2))
+    assert mixups.compare(data, hexapod).explanations == ("the rotation is that of the base seen from the plate",)
+    assert mixups.compare(replace(data, rotation=pose.R), hexapod).explanations == ()

@@ -22,11 +22,16 @@ EffectFiles = Annotated[
 
 
 def read(model: Path, data: Path, effect_files: tuple[str, ...]) -> tuple[Model, Measurements, list[Effect]]:
-    """The model, the measurements, and the user's own effects beyond those that the model has."""
-    from pcalib import effects, measurement, modelfile
+    """The model, the measurements, and the user's own effects beyond those that the model has.
+
+    Raises:
+        InputError: the data cannot be compared with the model: mixed-up columns, commands that it cannot take.
+    """
+    from pcalib import effects, measurement, modelfile, sufficiency
 
     calibrated = modelfile.load(model, effect_files)
     measured = measurement.load(data, calibrated.robot)
+    sufficiency.require_usable(calibrated, measured)
     present = {fitted.effect.name for fitted in calibrated.effects}
     own = [effects.parse(spec, calibrated.robot) for spec in effect_files]
     return calibrated, measured, [effect for effect in own if effect.name not in present]

@@ -103,9 +103,10 @@ def diagnose(
         InputError: too few readings to say anything.
     """
     made = problem(model, data, own, without=without)
-    if len(made.y) <= made.nuisance.shape[1] // 2:
+    poses = len(np.unique(np.round(made.data.q, 9), axis=0))
+    if len(made.y) * poses / len(made.data) <= made.nuisance.shape[1] // 2:
         raise InputError(
-            f"{len(made.data)} poses leave nothing to judge a model of level {model.level} by",
+            f"{poses} pose{'s' * (poses > 1)} leave nothing to judge a model of level {model.level} by",
             file=data.source,
             remedy="measure more poses; three times as many as the fit needs is usual",
         )

@@ -134,6 +134,8 @@ def from_replicates(data: Measurements, blocks: Blocks, drift: np.ndarray) -> No
         if inside.shape[1]:
             U, s, _ = np.linalg.svd(inside)
             V = V @ U[:, int(np.sum(s > 1e-9 * s[0])) :]
+    if not V.shape[-1]:
+        return None
     S = blocks.components()
     flat = V.reshape(-1, V.shape[-1])
     inner = np.stack([flat.T @ (S[k] @ V).reshape(flat.shape) for k in range(3)])

@@ -8,11 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib import effects, identification
+from pcalib.diagnosis.candidates import richer_levels
 from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, unknown
 from pcalib.identification import METHODS, Fit
 from pcalib.measurement import Measurements
 from pcalib.model import FittedEffect, Model
+
+SURE = 2.0
+"""Standard errors by which held-out errors must change to confirm or refute a step."""
 
 
 @dataclass(frozen=True)
@@ -27,12 +31,12 @@ class Step:
 
     @property
     def fell(self) -> bool | None:
-        """Whether held-out errors fell (rose by less than 2 % on dropping); None without check rows."""
-        if self.before.check is None or self.after.check is None:
+        """Whether held-out errors fell, by more than chance (rose by no more than that on dropping); None where there
+        are too few to say."""
+        gain = held_out_gain(self.before, self.after)
+        if gain is None:
             return None
-        if self.action == "drop":
-            return self.after.check.rms_pos < 1.02 * self.before.check.rms_pos
-        return self.after.check.rms_pos < self.before.check.rms_pos
+        return gain > SURE if self.action == "add" else gain > -SURE
 
     def moved(self, least: float = 1.0) -> list[tuple[str, float, float]]:
         """Parameters whose value changed by more than `least` of their former σ: (name, change [SI], in σ)."""
@@ -44,6 +48,15 @@ class Step:
             times = np.where(sigma > 0, np.abs(change) / sigma, 0.0)
         order = [int(i) for i in np.argsort(-times) if times[i] > least]
         return [(names[i], float(change[i]), float(times[i])) for i in order]
+
+
+def held_out_gain(before: Fit, after: Fit) -> float | None:
+    """By how many standard errors the squared held-out errors fell, pose by pose; None with fewer than three."""
+    old, new = (np.nansum(f.error[f.held, :3] ** 2, axis=1) for f in (before, after))
+    if len(old) < 3:
+        return None
+    spread = np.std(old - new, ddof=1) * np.sqrt(len(old))
+    return float(np.sum(old - new) / spread) if spread > 0 else 0.0
 
 
 def method_of(model: Model) -> str:
@@ -65,6 +78,11 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
     if spec in levels:
         if spec == model.level:
             raise EffectError(f"the model is of level {spec} already")
+        if spec not in richer_levels(model):
+            raise EffectError(
+                f"level {spec} is no extension of level {model.level}\n  "
+                f"for a simpler model: pcalib fit --level {spec}, or pcalib log --back-to"
+            )
         after = identification.fit(data, before.model, spec, method=method)
         return Step("add", spec, before, after)
     mine = [e for e in own if spec in (e.name, getattr(e, "spec", ""))]

@@ -11,7 +11,7 @@ from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import CHANNELS, Cell
-from pcalib.diagnosis.steps import Step
+from pcalib.diagnosis.steps import SURE, Step, held_out_gain
 from pcalib.diagnosis.verdict import Explanation, in_words
 from pcalib.identification import Fit
 from pcalib.wording import PARAMETER, size
@@ -226,12 +226,14 @@ def step_sentence(step: Step) -> str:
     name = step.spec
     word = "With" if step.action == "add" else "Without"
     text = f"{word} {name} the fit leaves {size(b.fit.rms_pos)} RMS, before {size(a.fit.rms_pos)}"
-    if a.check is None or b.check is None:
+    gain = held_out_gain(a, b)
+    if a.check is None or b.check is None or gain is None:
         return text + "; there are no held-out poses to confirm it."
     text += f"; held-out poses {size(b.check.rms_pos)}, before {size(a.check.rms_pos)}"
     if step.action == "add":
-        return text + (": confirmed." if step.fell else ": not confirmed, drop it again.")
-    return text + ("." if step.fell else ": it was needed.")
+        worse = ": worse, drop it again." if gain < -SURE else ": no difference beyond chance."
+        return text + (": confirmed." if gain > SURE else worse)
+    return text + (": it was needed." if gain < -SURE else ".")
 
 
 def step_lines(step: Step) -> list[str]:
@@ -292,9 +294,9 @@ def evidence_lines(e: Evidence) -> list[str]:
             lines.append(f"{p.name.replace('_', ' ')} = {value / factor:.3g} {doubt} {unit} (linear, on its own)")
     if e.held_out is not None:
         a, b = e.held_out
-        lines.append(
-            f"Held-out readings: {a:.2f} → {b:.2f} times the noise" + (", it confirms." if b < a else ", no better.")
-        )
+        gain = held_out_gain(e.before, e.after) if e.before is not None and e.after is not None else None
+        said = "it confirms" if gain is not None and gain > SURE else "no better" if b >= a else "within chance"
+        lines.append(f"Held-out readings: {a:.2f} → {b:.2f} times the noise, {said}.")
     else:
         lines.append("No held-out rows (set = check) that could confirm it.")
     return lines
