@@ -1,0 +1,225 @@
+"""What calibration costs, beside its bounds and beside MuJoCo's own toolbox: the command of scripts/benchmark."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import App, Parameter
+
+from bench import kinds
+from bench.batch import BatchMachine
+from bench.jobs import peer_sysid
+from bench.jobs.accuracy import Conditions, draw, measure, random_poses
+from bench.jobs.bench_speed import median
+from pcalib import compensation, identification, kinematics
+from pcalib import robot as robots
+from pcalib.cli import frame
+from pcalib.errors import InputError
+from pcalib.measurement import Measurements
+from pcalib.model import Model
+from pcalib.robot import Robot
+from pcalib.workspace import reachable
+
+ROOT = Path(__file__).resolve().parents[2]
+FIT_MS, FORWARD_US, EXACT_US, FIRST_US, IMPORT_S, HELP_S = 10.0, 8.0, 12.0, 3.0, 0.25, 0.5
+CLOSURE_TIMES, SETTLING_TIMES = 30.0, 1000.0
+POSES = 60
+TARGETS = 100_000
+ROBOTS = 7
+"""Random robots over which the fit is timed: it takes two to five steps."""
+QUICK_POSES = 12
+TOOL = np.array([0.0, 0.0, -0.3])
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured number and what it is held to."""
+
+    name: str
+    value: float
+    unit: str
+    bound: float | None = None
+    at_least: bool = False
+
+    @property
+    def holds(self) -> bool:
+        """Whether it keeps its bound."""
+        if self.bound is None:
+            return True
+        return self.value >= self.bound if self.at_least else self.value <= self.bound
+
+    @property
+    def promise(self) -> str:
+        """The bound in words."""
+        if self.bound is None:
+            return ""
+        return f"{'≥' if self.at_least else '≤'} {self.bound:g} {self.unit}"
+
+
+def command(
+    *,
+    robot: Path | None = None,
+    repeats: int = 15,
+    quick: bool = False,
+    peers: Annotated[bool, Parameter(negative="--no-peers")] = True,
+    json: frame.JsonOption = None,
+) -> int:
+    """Time identification, kinematics, compensation and start-up; and the same fit by mujoco.sysid.
+
+    Every figure is the median of several runs, in processor time of one thread, so that a busy machine makes little
+    difference. Ratios are of figures of this run. Exit code 1 where a bound is missed.
+
+    Args:
+        robot: Robot file of a Delta; the default Delta where absent.
+        repeats: Runs of each figure.
+        quick: Three runs, 10,000 targets, and the toolbox on 12 poses, to see that everything runs.
+        peers: Whether to run mujoco.sysid too; settling rollouts take a minute. --no-peers leaves them out.
+    """
+    if repeats < 1:
+        raise InputError(f"--repeats {repeats} must be at least 1")
+    main_robot = robots.load(robot or kinds.MODELS / "delta.toml")
+    if main_robot.kind != "delta":
+        raise InputError(f"robot '{main_robot.name}' is no delta")
+    runs, targets = (min(repeats, 3), 10_000) if quick else (repeats, TARGETS)
+    found: list[Figure] = []
+    parts: list[Callable[[], list[Figure]]] = [
+        lambda: fits(main_robot, runs),
+        lambda: kinematic(main_robot, targets, min(runs, 5)),
+        lambda: start_up(min(runs, 7)),
+    ]
+    why = peer_sysid.missing() if peers else "left out"
+    if not why:
+        parts.append(lambda: toolbox(main_robot, QUICK_POSES if quick else POSES, runs))
+    with frame.progress("timing", len(parts)) as advance:
+        for part in parts:
+            found += part()
+            advance()
+    frame.show_table(
+        ["what", "figure", "bound", ""],
+        [
+            [f.name, f"{f.value:.3g} {f.unit}", f.promise, "" if f.bound is None else "ok" if f.holds else "missed"]
+            for f in found
+        ],
+        title=f"{main_robot.name}: processor time of one thread, median of {runs} runs",
+    )
+    if why:
+        frame.say(f"mujoco.sysid: {why}.")
+    frame.write_json(
+        json,
+        {
+            "schema": "pcbench.core_speed/1",
+            "figures": [asdict(f) | {"holds": f.holds} for f in found],
+            "quick": quick,
+        },
+    )
+    return frame.OK if all(f.holds for f in found) else frame.NOT_HELD
+
+
+def data_sets(robot: Robot, poses: int, count: int) -> list[Measurements]:
+    """Noisy full poses of random robots, by MuJoCo."""
+    machine, conditions, out = BatchMachine(robot), Conditions(poses=poses), []
+    for n in range(count):
+        rng = np.random.default_rng([1, n])
+        machine.become(draw(robot, conditions, rng))
+        out.append(measure(machine, conditions, *random_poses(robot, conditions, rng), rng))
+    return out
+
+
+def fits(robot: Robot, runs: int) -> list[Figure]:
+    """Milliseconds per identification of all 60 parameters from 60 full poses, covariance and verdict included."""
+    sets = data_sets(robot, POSES, ROBOTS)
+    taken = [median(lambda data=data: identification.fit(data, robot), runs) for data in sets]
+    taken = 1e3 * np.array(taken)
+    return [
+        Figure(f"identification, {POSES} full poses", float(np.median(taken)), "ms", FIT_MS),
+        Figure(f"the slowest of {ROBOTS} robots", float(taken.max()), "ms"),
+    ]
+
+
+def kinematic(robot: Robot, targets: int, runs: int) -> list[Figure]:
+    """Microseconds per pose of forward kinematics and compensation of an imperfect robot with a 300 mm tool."""
+    mechanism = robot.mechanism
+    model = Model.nominal(robot).with_geometry(draw(robot, Conditions(), np.random.default_rng(2)))
+    q = reachable(robot, targets, np.random.default_rng(3)).q
+    wanted = kinematics.forward(mechanism, model.k, q).pose.tcp(TOOL)
+
+    def per_pose(work: Callable[[], object]) -> float:
+        return 1e6 * median(work, runs) / targets
+
+    def compensate(method: str) -> Callable[[], object]:
+        return lambda: compensation.compensate(model, wanted, TOOL, method=method, limits=False)
+
+    forward = per_pose(lambda: kinematics.forward(mechanism, model.k, q))
+    return [
+        Figure(f"forward kinematics, {targets} poses", forward, "µs", FORWARD_US),
+        Figure("exact compensation", per_pose(compensate("exact")), "µs", EXACT_US),
+        Figure("first-order compensation", per_pose(compensate("first-order")), "µs", FIRST_US),
+    ]
+
+
+def start_up(runs: int) -> list[Figure]:
+    """Seconds until Python has imported the package, and until the program has printed its help."""
+
+    def seconds(*arguments: str) -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, *arguments], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    def middle(*arguments: str) -> float:
+        seconds(*arguments)  # compiled and in the cache
+        return float(np.median([seconds(*arguments) for _ in range(runs)]))
+
+    return [
+        Figure("import pcalib, python included", middle("-c", "import pcalib"), "s", IMPORT_S),
+        Figure("pcalib --help", middle("-m", "pcalib", "--help"), "s", HELP_S),
+    ]
+
+
+def toolbox(robot: Robot, poses: int, runs: int) -> list[Figure]:
+    """How many times as long mujoco.sysid takes for the same unknowns, priors, data and answer."""
+    (data,) = data_sets(robot, poses, 1)
+    own = identification.fit(data, robot, prior_scale=1.0).candidate.k
+    once = median(lambda: identification.fit(data, robot), runs)
+    out = []
+    for name, fit, optimizer, bound in (
+        ("given the closure residual", peer_sysid.by_closure, "mujoco", CLOSURE_TIMES),
+        ("the same with scipy's optimiser", peer_sysid.by_closure, "scipy", None),
+        ("with settling rollouts", peer_sysid.by_settling, "mujoco", SETTLING_TIMES),
+    ):
+        begun = time.process_time()
+        found = fit(robot, data, optimizer)
+        taken = time.process_time() - begun
+        out.append(Figure(f"mujoco.sysid {name}, {poses} poses", taken / once, "times", bound, at_least=True))
+        out.append(Figure("  which takes", taken, "s"))
+        out.append(Figure("  and differs from pcalib by", 1e6 * apart(robot, own, found.k), "µm RMS"))
+    return out
+
+
+def apart(robot: Robot, a: np.ndarray, b: np.ndarray) -> float:
+    """[m] RMS difference of the plate's position between two geometries over the workspace."""
+    q = reachable(robot, 200, np.random.default_rng(4)).q
+    x, y = (kinematics.forward(robot.mechanism, k, q).pose.x for k in (a, b))
+    return float(np.sqrt(np.mean(np.sum((x - y) ** 2, axis=1))))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    program = App(
+        name="benchmark", help_format="plaintext", version_flags=[], result_action="return_value",
+        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
+    )  # fmt: skip
+    program.default(command)
+    return frame.run(program, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
