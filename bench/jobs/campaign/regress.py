@@ -195,7 +195,7 @@ def save(path: Path, campaign: Campaign, figures: Mapping[str, Figure], changes:
         "schema": SCHEMA,
         "campaign": campaign.name,
         "history": [*history, {"reason": reason.strip(), "moved": moved}],
-        "versions": store.versions(),
+        "versions": {name: v for name, v in store.versions().items() if name != "code"},
         "figures": {name: {"kind": f.kind, "value": _finite(f.value)} for name, f in figures.items()},
         "spec": json.loads(campaign.source),
     }

@@ -10,11 +10,13 @@ Nothing in these files depends on when, where or in which order they were writte
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import io
 import json
 import platform
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+import bench
 from bench.jobs.campaign.spec import SCHEMA, Campaign
 from pcalib import files
 from pcalib.errors import InputError
@@ -59,15 +62,26 @@ _FIGURES = [
 ]
 
 
-def versions() -> dict[str, str]:
-    """Of python and the packages that results depend on."""
-    out = {"python": platform.python_version(), "machine": platform.machine()}
+@lru_cache(maxsize=1)
+def versions() -> Mapping[str, str]:
+    """Of python, the packages that results depend on, and this project's own code."""
+    out = {"python": platform.python_version(), "machine": platform.machine(), "code": _code()}
     for name in PACKAGES:
         try:
             out[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             out[name] = "not installed"
     return out
+
+
+def _code() -> str:
+    """A digest of the project's programs and models: a version number does not change with every edit."""
+    root = Path(bench.__file__).parents[1]
+    digest = hashlib.sha256()
+    for folder, pattern in (("pcalib", "*.py"), ("bench", "*.py"), ("models", "*.xml")):
+        for path in sorted((root / folder).rglob(pattern)):
+            digest.update(f"{path.relative_to(root)}\n".encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def schema(campaign: Campaign) -> pa.Schema:
@@ -79,7 +93,7 @@ def schema(campaign: Campaign) -> pa.Schema:
         "seed": campaign.seed,
         "robots": campaign.robots,
         "cells": [{path: label(value) for path, value in point.items()} for point in campaign.points],
-        "versions": versions(),
+        "versions": dict(versions()),
         "spec": json.loads(campaign.source),
     }
     return pa.schema([*_FIXED, *swept, *_FIGURES], metadata={KEY: json.dumps(about)})
@@ -227,7 +241,7 @@ def _lock(folder: Path) -> Iterator[None]:
 
 def _claim(campaign: Campaign, folder: Path) -> None:
     path = folder / "campaign.json"
-    ours = {"schema": SCHEMA, "versions": versions(), "spec": json.loads(campaign.source)}
+    ours = {"schema": SCHEMA, "versions": dict(versions()), "spec": json.loads(campaign.source)}
     if not path.exists():
         strangers = [p.name for p in folder.iterdir() if not p.name.startswith(".")]
         if strangers:
