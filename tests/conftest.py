@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,10 @@ from pcalib.measurement import Measurements
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot
+
+# A run started in the background ignores Ctrl-C, and so would every program that it starts and interrupts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SIGMA_POS, SIGMA_ROT = 2e-5, np.radians(0.005)
 

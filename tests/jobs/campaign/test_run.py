@@ -215,7 +215,7 @@ def test_interrupted(written, tmp_path, n_workers):
         time.sleep(0.01)
         assert process.poll() is None
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    out, err = process.communicate(timeout=10)
+    out, err = process.communicate(timeout=60)
     assert process.returncode == 130 and err.decode().strip() == "interrupted"
     kept = len(list(parts.glob("*.parquet")))
     assert f"{kept} of 400 robots are kept; the same command goes on from there" in out.decode()
