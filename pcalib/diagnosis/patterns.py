@@ -22,6 +22,8 @@ CHANNELS = {
     "body": "the plate as a whole",
 }
 """Channel → how it is called in a sentence."""
+FINE = "q, in fine waves"
+"""Variable of errors that go up and down many times over the range of a motor."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class Pattern:
     """(N, 6, p) derivative of the readings [m, rad] by each coefficient, whose unit size is `size`."""
     size: float
     """[rad or m] usual deviation in this channel, the scale of the coefficients."""
+    trials: int = 1
+    """Of how many it is the best."""
 
 
 @dataclass(frozen=True)
@@ -85,24 +89,34 @@ def legendre(values: np.ndarray, low: int, high: int) -> np.ndarray:
     return np.stack([np.polynomial.legendre.Legendre.basis(n)(x) for n in range(low, high + 1)], axis=-1)
 
 
-def patterns(point: Point, budget: int, total: int) -> list[Pattern]:
+def patterns(point: Point, budget: int, total: int, seen: np.ndarray | None = None) -> list[Pattern]:
     """All cells that the data can fill.
 
     Args:
         budget: largest number of columns of one cell.
         total: largest number of columns of all; degrees fall from 4 to 1 until they fit, then the last cells go.
+        seen: (6,) bool, which of x y z rx ry rz is measured at all; all where absent.
     """
-    cells = list(_cells(point, point.response()))
+    cells = list(_cells(point, point.response(), np.ones(6, bool) if seen is None else seen))
     for degree in (4, 3, 2, 1):
         built = [(channel, variable, _within(build, degree, budget)) for channel, variable, build in cells]
         if sum(columns.shape[-1] for _, _, columns in built) <= total:
             break
     found, used = [], 0
     for channel, variable, columns in built:
-        used += columns.shape[-1]
-        if columns.shape[-1] and used <= max(total, budget):
+        size = columns.shape[-1]
+        if size and used + size <= max(total, budget):
             found.append(Pattern(channel, variable, columns, _SIZE[channel]))
+            used += size
     return found
+
+
+def ripple(point: Point, cycles: int, trials: int) -> Pattern:
+    """Motor angles that err in waves of some cycles per turn, the best of `trials`: what no polynomial holds."""
+    q = point.situation.q
+    waves = [np.stack([np.sin(cycles * angle), np.cos(cycles * angle)], axis=-1) for angle in q.T]
+    columns = _each(point.response().actuator, lambda i: waves[i])
+    return Pattern("actuator", FINE, columns, _SIZE["actuator"], trials)
 
 
 def _within(build: Callable[[int], np.ndarray], degree: int, budget: int) -> np.ndarray:
@@ -117,7 +131,7 @@ def _within(build: Callable[[int], np.ndarray], degree: int, budget: int) -> np.
 _SIZE = {"actuator": 3e-4, "parallelogram": 1e-4, "rod": 1e-4, "body": 1e-4}
 
 
-def _cells(point: Point, response: Response) -> Iterator:
+def _cells(point: Point, response: Response, seen: np.ndarray) -> Iterator:
     """(channel, variable, degree → columns) of every cell."""
     at = point.situation
     actuators, rods = response.actuator, response.rod
@@ -143,7 +157,7 @@ def _cells(point: Point, response: Response) -> Iterator:
         yield "parallelogram", "q", lambda degree: _each(pair, lambda i: legendre(at.q[:, i], 1, degree))
     yield "rod", "tension", lambda degree: _each(rods, lambda r: legendre(at.tension[:, r], 1, max(1, degree - 1)))
     yield "rod", "sign of the rod force", lambda degree: _each(rods, lambda r: _sides(at.tension[:, r]))
-    body = np.broadcast_to(np.eye(6), (len(at), 6, 6))
+    body = np.broadcast_to(np.eye(6)[:, seen], (len(at), 6, int(seen.sum())))
     place = point.prediction.pose.x
     yield "body", "place", lambda degree: _each(body, lambda i: _place(place, 2 if degree > 2 else 1))
     if np.any(direction):

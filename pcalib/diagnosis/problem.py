@@ -15,7 +15,7 @@ from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates, leve
 from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.noise import Blocks, NoiseLevel
 from pcalib.diagnosis.outliers import Outliers
-from pcalib.diagnosis.patterns import Pattern, patterns
+from pcalib.diagnosis.patterns import Pattern, patterns, ripple
 from pcalib.diagnosis.ripple import scanned
 from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, screen
 from pcalib.effects.base import Effect
@@ -59,10 +59,10 @@ class Problem:
     def groups(self) -> list[Group]:
         """Candidates, then patterns."""
         out = [Group(c.spec, self.whitened(c.columns), c.scale, trials=c.trials) for c in self.candidates]
-        return out + [
-            Group(f"{p.channel} × {p.variable}", self.whitened(p.columns), np.full(p.columns.shape[-1], p.size), True)
-            for p in self.patterns
-        ]
+        for p in self.patterns:
+            size = np.full(p.columns.shape[-1], p.size)
+            out.append(Group(f"{p.channel} × {p.variable}", self.whitened(p.columns), size, True, p.trials))
+        return out
 
     @property
     def set_aside(self) -> np.ndarray:
@@ -148,7 +148,11 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
         found.append(Candidate(name, name, None, columns, chosen.scale[:n], -free, free))
     # The patterns together leave half of what the data can say to judge the noise by, each a fair share to others.
     room = len(linear.residual) - int(np.linalg.matrix_rank(nuisance, NUISANCE))
-    cells = patterns(point, max(3, min(60, room // 6)), max(30, room // 2 - 40))
+    cells = patterns(point, max(3, min(60, room // 6)), max(30, room // 2 - 40), np.asarray(fit.mask.any(axis=0)))
+    if point.situation.robot.mechanism.actuator_dimension == "angle" and not any(c.trials > 1 for c in found):
+        # No effect that is searched for speaks for fast errors of the motors: the patterns have to.
+        best, trials = scanned(point, linear.residual, nuisance, whiten)[-1]
+        cells.append(ripple(point, best.cycles[0], trials))
     eye = np.broadcast_to(np.eye(6), (len(fit), 6, 6))
     return Problem(
         model, fit, point, linear.residual, nuisance, linear.row, linear.component,
