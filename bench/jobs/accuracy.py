@@ -7,7 +7,7 @@ and landing are MuJoCo's; what lies between sees the readings only.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,14 +18,18 @@ from pcalib import compensation, grid, identification, kinematics, planning, rot
 from pcalib.errors import InputError, ReachError, unknown
 from pcalib.measurement import Measurements
 from pcalib.model import Model
-from pcalib.robot import Robot
+from pcalib.robot import Robot, Workspace
 from pcalib.workspace import allowed, reachable
 
 DEGREE = np.pi / 180
 TOOLS = (0.0, 0.1, 0.3)
 CHOICES = ("joint", "workspace", "interior", "d-optimal")
-"""Random poses, uniform in joint space, in the volume of the working cylinder, or in its radius and height (denser
-about the axis, few at the border); or the planner's."""
+"""Random poses, uniform in joint space, in the volume of the working cylinder, or in that of one INSIDE its border; or
+the planner's."""
+INSIDE = 0.95
+"""Size of the cylinder of the interior, its radius and height in those of the working cylinder."""
+TARGETS = ("grid", "rings")
+"""Where the TCP is sent: to a square grid through what the robot reaches, or to rings through the whole cylinder."""
 
 EVERY = (
     *RUNGS,
@@ -56,6 +60,8 @@ class Conditions:
     noise_rot: float = 0.005 * DEGREE
     tools: tuple[float, ...] = TOOLS
     """[m] lengths below the plate with which targets are approached."""
+    targets: str = "grid"
+    """Where the plate is sent, one of TARGETS."""
     spacing: float | None = 0.065
     """[m] of the grid of targets."""
     seed: int = 0
@@ -81,6 +87,16 @@ class Outcome:
     def largest(self) -> dict[str, np.ndarray]:
         """(tools,) [m] largest error of all robots, by rung."""
         return {r: np.nanmax(e, axis=(1, 2)) for r, e in zip(self.rungs, self.errors, strict=True)}
+
+    @property
+    def rms_of_each(self) -> dict[str, np.ndarray]:
+        """(tools, robots) [m] root of the mean squared error of each robot, by rung."""
+        return {r: np.sqrt(np.nanmean(e**2, axis=2)) for r, e in zip(self.rungs, self.errors, strict=True)}
+
+    @property
+    def largest_of_each(self) -> dict[str, np.ndarray]:
+        """(tools, robots) [m] largest error of each robot, by rung."""
+        return {r: np.nanmax(e, axis=2) for r, e in zip(self.rungs, self.errors, strict=True)}
 
     @property
     def lost(self) -> int:
@@ -109,13 +125,16 @@ def study(
         tick: called after every robot, for a progress bar.
 
     Raises:
-        InputError: an unknown choice of poses.
+        InputError: an unknown choice of poses or targets.
         FitError: a fit cannot be used.
     """
     if conditions.choice not in CHOICES:
         raise InputError(unknown("choice of poses", conditions.choice, CHOICES))
+    if conditions.targets not in TARGETS:
+        raise InputError(unknown("set of targets", conditions.targets, TARGETS))
     machine = BatchMachine(robot)
-    plate = grid.workspace_grid(robot, conditions.spacing)
+    whole = conditions.targets == "rings"
+    plate = rings(robot.workspace) if whole else grid.workspace_grid(robot, conditions.spacing)
     tools = np.array([[0.0, 0.0, -h] for h in conditions.tools])
     errors = np.full((len(rungs), len(tools), conditions.robots, len(plate)), np.nan)
     statuses: dict[str, int] = {}
@@ -157,6 +176,15 @@ def measure(
     return Measurements.create(machine.robot, q, position, tool=tools, sigma_pos=conditions.noise_pos, **seen)
 
 
+def rings(w: Workspace, levels: int = 5, count: int = 3, around: int = 24) -> np.ndarray:
+    """Plate positions (P, 3) [m] in levels through the working cylinder: on its axis and on rings out to its border."""
+    radius = np.append(0.0, np.repeat(w.radius * np.arange(1, count + 1) / count, around))
+    azimuth = np.append(0.0, np.tile(2 * np.pi * np.arange(around) / around, count))
+    disc = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=-1)
+    z = np.repeat(np.linspace(w.z_min, w.z_max, levels), len(disc))
+    return np.column_stack([np.tile(disc, (levels, 1)), z])
+
+
 def measured_tools(conditions: Conditions) -> np.ndarray:
     """(T, 3) [m] tools to measure with."""
     bare = conditions.rotations and conditions.choice != "d-optimal"
@@ -175,18 +203,25 @@ def plan(robot: Robot, conditions: Conditions) -> tuple[np.ndarray, np.ndarray]:
 def random_poses(robot: Robot, conditions: Conditions, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Random commands (n, nq) and tools (n, 3)."""
     n, w, mechanism = conditions.poses, robot.workspace, robot.mechanism
+    if conditions.choice == "interior":
+        w = shrunk(w, INSIDE)
     tools = np.resize(measured_tools(conditions), (n, 3))
     if conditions.choice == "joint":
         return reachable(robot, n, rng).q, tools
     kept: list[np.ndarray] = []
     while sum(map(len, kept)) < n:
-        share = rng.random(4 * n)
-        radius = w.radius * (np.sqrt(share) if conditions.choice == "workspace" else share)
+        radius = w.radius * np.sqrt(rng.random(4 * n))
         azimuth, z = rng.uniform(0, 2 * np.pi, 4 * n), rng.uniform(w.z_min, w.z_max, 4 * n)
         x = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z], axis=-1)
         found = kinematics.inverse(mechanism, mechanism.nominal, x)
         kept.append(found.q[allowed(robot, found.q, found.pose, found.status)])
     return np.concatenate(kept)[:n], tools
+
+
+def shrunk(w: Workspace, size: float) -> Workspace:
+    """The working cylinder with its radius and height multiplied by `size`, about its middle."""
+    middle, half = 0.5 * (w.z_max + w.z_min), 0.5 * size * (w.z_max - w.z_min)
+    return replace(w, radius=size * w.radius, z_min=middle - half, z_max=middle + half)
 
 
 def land(machine: BatchMachine, model: Model, method: str, plate: np.ndarray, tool: np.ndarray) -> np.ndarray:

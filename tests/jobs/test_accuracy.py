@@ -6,7 +6,20 @@ import numpy as np
 import pytest
 
 from bench.batch import BatchMachine
-from bench.jobs.accuracy import CHOICES, DEGREE, Conditions, draw, land, measure, plan, random_poses, study
+from bench.jobs.accuracy import (
+    CHOICES,
+    DEGREE,
+    INSIDE,
+    Conditions,
+    draw,
+    land,
+    measure,
+    plan,
+    random_poses,
+    rings,
+    shrunk,
+    study,
+)  # fmt: skip
 from bench.jobs.demo import RUNGS
 from pcalib import kinematics
 from pcalib.errors import InputError
@@ -31,12 +44,21 @@ def test_poses_lie_where_they_should(delta, choice):
     )
     q, tools = made
     x = kinematics.forward(delta.mechanism, delta.mechanism.nominal, q).pose.x
-    assert delta.workspace.contains(x).all()
+    assert (shrunk(delta.workspace, INSIDE) if choice == "interior" else delta.workspace).contains(x).all()
     assert (q >= delta.joint_min - 1e-9).all() and (q <= delta.joint_max + 1e-9).all()
     assert (len(np.unique(tools[:, 2])) > 1) == (choice == "d-optimal")
-    shares = {"workspace": 0.25, "interior": 0.5}
-    if choice in shares:  # of the area, and of the radius, within half the radius; the reachable part is wider there
-        assert np.mean(np.hypot(x[:, 0], x[:, 1]) < 0.2) == pytest.approx(shares[choice], abs=0.17)
+    if choice in ("workspace", "interior"):  # of the area, within half the radius; the reachable part is wider there
+        assert np.mean(np.hypot(x[:, 0], x[:, 1]) < 0.2) == pytest.approx(0.25, abs=0.17)
+
+
+def test_rings_fill_the_working_cylinder(delta):
+    points = rings(delta.workspace)
+    radius = np.hypot(points[:, 0], points[:, 1])
+    assert len(np.unique(points.round(9), axis=0)) == len(points) == 365
+    assert delta.workspace.contains(points).all()
+    np.testing.assert_allclose(np.unique(radius.round(9)), 0.4 * np.arange(4) / 3, atol=1e-9)
+    np.testing.assert_allclose(np.unique(points[:, 2]), np.linspace(-0.925, -0.675, 5))
+    np.testing.assert_allclose(points[:, :2].mean(axis=0), 0, atol=1e-12)
 
 
 def test_a_perfect_model_lands_on_target_and_noise_is_added(delta):
@@ -62,7 +84,10 @@ def test_a_study_is_the_same_twice_and_tells_its_figures(delta):
     assert np.array_equal(one.errors, two.errors, equal_nan=True) and len(ticks) == 4
     assert one.statuses == {"converged": 2} and one.lost == 0
     assert (one.rms["complete"] < 0.1 * one.rms["nominal"]).all()
-    assert one.largest["nominal"][0] == one.errors[0, 0].max()
+    assert one.largest["nominal"][0] == one.errors[0, 0].max() == one.largest_of_each["nominal"][0].max()
+    np.testing.assert_allclose(one.rms["nominal"] ** 2, (one.rms_of_each["nominal"] ** 2).mean(axis=1))
     assert "nominal" in one.table() and "h = 300 mm" in one.table()
     with pytest.raises(InputError, match="unknown choice of poses 'random'"):
         study(delta, replace(FEW, choice="random"))
+    with pytest.raises(InputError, match="unknown set of targets 'ring'"):
+        study(delta, replace(FEW, targets="ring"))
