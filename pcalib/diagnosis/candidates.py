@@ -9,6 +9,7 @@ import numpy as np
 
 from pcalib import effects, prediction
 from pcalib.diagnosis.channels import Point
+from pcalib.diagnosis.screen import NOT_SEARCHED, Search
 from pcalib.effects.base import Effect
 from pcalib.effects.gear_ripple import GearRipple
 from pcalib.model import Model
@@ -31,8 +32,8 @@ class Candidate:
     low: np.ndarray
     high: np.ndarray
     """(p,) [SI] physical range."""
-    trials: int = 1
-    """How many of its kind were tried to find this one."""
+    search: Search = NOT_SEARCHED
+    """How it was found, where it was searched for."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +45,13 @@ class Unavailable:
 
 
 def candidates(
-    point: Point, own: Sequence[Effect] = (), scan: Callable[[], list[tuple[GearRipple, int]]] | None = None
+    point: Point, own: Sequence[Effect] = (), scan: Callable[[], list[tuple[GearRipple, Search]]] | None = None
 ) -> tuple[list[Candidate], list[Unavailable]]:
     """All hypotheses on these poses beyond what the model already has.
 
     Args:
         own: the user's own effects.
-        scan: finds the gear ripples to consider, with the number tried, where the robot file names no cycles.
+        scan: finds the gear ripples to consider, and says what the search costs, where the robot file names no cycles.
     """
     model, at = point.model, point.situation
     robot = model.robot
@@ -70,7 +71,7 @@ def candidates(
             continue
         if name == "gear_ripple" and scan is not None and not robot.drive.get("ripple_per_turn"):
             if name not in present:
-                found += [replace(_candidate(effect, point), trials=trials) for effect, trials in scan()]
+                found += [replace(_candidate(effect, point), search=search) for effect, search in scan()]
             continue
         for per in kind.variants:
             effect = effects.get(name, per, robot)

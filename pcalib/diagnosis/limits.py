@@ -25,6 +25,6 @@ def smallest_seen(screen: Screen, g: int, critical: float) -> np.ndarray:
     seen = screen.blocks[g].T @ screen.parts[g]
     size = np.linalg.norm(seen, axis=0)
     # The best of several tried must beat them all.
-    needed = visible_size(screen, int(screen.visible[g]), critical / int(screen.trials[g]))
+    needed = visible_size(screen, int(screen.visible[g]), critical / float(screen.trials[g]))
     with np.errstate(divide="ignore"):
         return np.where(size > 0, needed / np.where(size > 0, size, 1.0), np.inf)

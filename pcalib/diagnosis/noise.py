@@ -108,25 +108,26 @@ def as_stated(data: Measurements) -> NoiseLevel:
     return _level("stated", data, np.ones(2), np.full(2, np.inf), 0.0, None)
 
 
-def from_replicates(data: Measurements, blocks: Blocks, drift: np.ndarray) -> NoiseLevel | None:
-    """The scatter of replicates about their own mean; None where there are too few.
+def contrasts(data: Measurements, measured: np.ndarray, drift: np.ndarray) -> np.ndarray:
+    """(N, 6, ν) orthonormal differences between replicates, which hold nothing but noise.
 
     Args:
+        measured: (N, 6) bool.
         drift: (N, 6, p) columns of what may change between replicates (time), in stated noise units.
     """
     group = replicates.groups(data)
-    contrasts = []
+    found = []
     for g in range(int(group.max(initial=-1)) + 1):
         rows = np.flatnonzero(group == g)
         for c in range(6):
-            seen = rows[blocks.measured[rows, c]]
+            seen = rows[measured[rows, c]]
             for n in range(1, len(seen)):  # Helmert contrasts: orthonormal differences within the group
-                v = np.zeros(blocks.y.shape)
+                v = np.zeros(measured.shape)
                 v[seen[:n], c], v[seen[n], c] = -1.0 / n, 1.0
-                contrasts.append(v / np.linalg.norm(v))
-    if not contrasts:
-        return None
-    V = np.stack(contrasts, axis=-1)  # (N, 6, ν)
+                found.append(v / np.linalg.norm(v))
+    if not found:
+        return np.zeros((*measured.shape, 0))
+    V = np.stack(found, axis=-1)
     if drift.shape[-1]:
         inside = V.reshape(-1, V.shape[-1]).T @ drift.reshape(-1, drift.shape[-1])
         size = np.linalg.norm(inside, axis=0)
@@ -134,6 +135,15 @@ def from_replicates(data: Measurements, blocks: Blocks, drift: np.ndarray) -> No
         if inside.shape[1]:
             U, s, _ = np.linalg.svd(inside)
             V = V @ U[:, int(np.sum(s > 1e-9 * s[0])) :]
+    return V
+
+
+def from_replicates(data: Measurements, blocks: Blocks, V: np.ndarray) -> NoiseLevel | None:
+    """The scatter of replicates about their own mean; None where there are too few.
+
+    Args:
+        V: (N, 6, ν) their :func:`contrasts`.
+    """
     if not V.shape[-1]:
         return None
     S = blocks.components()
@@ -151,11 +161,12 @@ def from_replicates(data: Measurements, blocks: Blocks, drift: np.ndarray) -> No
     return _solve("replicates", data, blocks, normal, dof, ENOUGH_REPLICATES)
 
 
-def from_rest(data: Measurements, blocks: Blocks, Q: np.ndarray) -> NoiseLevel | None:
+def from_rest(data: Measurements, blocks: Blocks, Q: np.ndarray, luck: float = 0.0) -> NoiseLevel | None:
     """The level outside geometry and every group; None where too little is left over.
 
     Args:
-        Q: (N, 6, d) orthonormal basis of nuisance and all groups.
+        Q: (N, 6, d) orthonormal basis of nuisance and all groups, and of replicates that are judged by themselves.
+        luck: square sum, noise units, that Q takes beyond its dimensions because it was chosen to suit the noise.
     """
     S = blocks.components()
     flat = Q.reshape(-1, Q.shape[-1])
@@ -168,6 +179,7 @@ def from_rest(data: Measurements, blocks: Blocks, Q: np.ndarray) -> NoiseLevel |
             B[k, m] = np.sum(S[k] * S[m]) - 2 * np.sum(SQ[k] * SQ[m]) + np.sum(QSQ[k] * QSQ[m])
     b = np.array([np.einsum("ni,nij,nj->", rest, S[k], rest) for k in range(3)])
     dof = np.array([np.sum(np.trace(S[k], axis1=1, axis2=2)) - np.trace(QSQ[k]) for k in range(2)])
+    b *= 1 + luck / max(dof.sum() - luck, 1.0)
 
     return _solve("residuals", data, blocks, lambda theta: (B, b), dof, ENOUGH_REST)
 
@@ -177,7 +189,10 @@ AGREE = 0.003
 
 
 def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
-    """Replicates sharpened by what is left over, where that agrees with them: a few replicates are a poor ruler."""
+    """Replicates sharpened by what else is left over, where that agrees with them: a few replicates are a poor ruler.
+
+    The two must share no directions, else what they share would count twice.
+    """
     from scipy.special import fdtr, fdtrc
 
     if rest is None:

@@ -6,22 +6,25 @@ adequate only where no pattern improves on it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pcalib.diagnosis.adequacy import corrected
 from pcalib.diagnosis.channels import Point, Response
-from pcalib.diagnosis.screen import Screen
+from pcalib.diagnosis.screen import NOT_SEARCHED, Screen, Search
 
 CHANNELS = {
     "actuator": "motor angles",
     "parallelogram": "rods of a pair against each other",
     "rod": "rod lengths",
     "body": "the plate as a whole",
+    "tool": "the tool on the plate",
 }
 """Channel → how it is called in a sentence."""
+HIGHEST = 4
+"""Degree of the richest patterns."""
 FINE = "q, in fine waves"
 """Variable of errors that go up and down many times over the range of a motor."""
 
@@ -36,8 +39,8 @@ class Pattern:
     """(N, 6, p) derivative of the readings [m, rad] by each coefficient, whose unit size is `size`."""
     size: float
     """[rad or m] usual deviation in this channel, the scale of the coefficients."""
-    trials: int = 1
-    """Of how many it is the best."""
+    search: Search = NOT_SEARCHED
+    """How it was found, where it was searched for."""
 
 
 @dataclass(frozen=True)
@@ -94,41 +97,37 @@ def patterns(point: Point, budget: int, total: int, seen: np.ndarray | None = No
 
     Args:
         budget: largest number of columns of one cell.
-        total: largest number of columns of all; degrees fall from 4 to 1 until they fit, then the last cells go.
+        total: largest number of columns of all. Every cell is there at degree 1 as long as there is room, the first
+            before the last; what room is left then raises their degrees up to 4, by turns and in the same order.
         seen: (6,) bool, which of x y z rx ry rz is measured at all; all where absent.
     """
     cells = list(_cells(point, point.response(), np.ones(6, bool) if seen is None else seen))
-    for degree in (4, 3, 2, 1):
-        built = [(channel, variable, _within(build, degree, budget)) for channel, variable, build in cells]
-        if sum(columns.shape[-1] for _, _, columns in built) <= total:
-            break
-    found, used = [], 0
-    for channel, variable, columns in built:
-        size = columns.shape[-1]
-        if size and used + size <= max(total, budget):
-            found.append(Pattern(channel, variable, columns, _SIZE[channel]))
-            used += size
-    return found
+    columns = [np.zeros((len(point.situation), 6, 0))] * len(cells)
+    used = 0
+    for degree in range(1, HIGHEST + 1):
+        for i, (_, _, build) in enumerate(cells):
+            if degree > 1 and not columns[i].shape[-1]:
+                continue  # there was no room for its simplest form
+            larger = build(degree)
+            more = larger.shape[-1] - columns[i].shape[-1]
+            if larger.shape[-1] <= budget and used + more <= max(total, budget):
+                columns[i], used = larger, used + more
+    return [
+        Pattern(channel, variable, found, _SIZE[channel])
+        for (channel, variable, _), found in zip(cells, columns, strict=True)
+        if found.shape[-1]
+    ]
 
 
-def ripple(point: Point, cycles: int, trials: int) -> Pattern:
-    """Motor angles that err in waves of some cycles per turn, the best of `trials`: what no polynomial holds."""
+def ripple(point: Point, cycles: int, search: Search) -> Pattern:
+    """Motor angles that err in waves of some cycles per turn, the best that was found: what no polynomial holds."""
     q = point.situation.q
     waves = [np.stack([np.sin(cycles * angle), np.cos(cycles * angle)], axis=-1) for angle in q.T]
     columns = _each(point.response().actuator, lambda i: waves[i])
-    return Pattern("actuator", FINE, columns, _SIZE["actuator"], trials)
+    return Pattern("actuator", FINE, columns, _SIZE["actuator"], search)
 
 
-def _within(build: Callable[[int], np.ndarray], degree: int, budget: int) -> np.ndarray:
-    """The columns of a cell at the highest degree that keeps to the budget; none where not even 1 does."""
-    columns = build(degree)
-    while columns.shape[-1] > budget and degree > 1:
-        degree -= 1
-        columns = build(degree)
-    return columns if columns.shape[-1] <= budget else columns[..., :0]
-
-
-_SIZE = {"actuator": 3e-4, "parallelogram": 1e-4, "rod": 1e-4, "body": 1e-4}
+_SIZE = {"actuator": 3e-4, "parallelogram": 1e-4, "rod": 1e-4, "body": 1e-4, "tool": 3e-4}
 
 
 def _cells(point: Point, response: Response, seen: np.ndarray) -> Iterator:
@@ -162,17 +161,26 @@ def _cells(point: Point, response: Response, seen: np.ndarray) -> Iterator:
     yield "body", "place", lambda degree: _each(body, lambda i: _place(place, 2 if degree > 2 else 1))
     if np.any(direction):
         yield "body", "direction", products(body, direction)
+    turn = _lever(point)
     for variable, values in _recorded(point).items():
         less = 1 if variable == "time" else 2  # degrees below that of angles: what is recorded acts smoothly
+        yield "body", variable, shared(body, values, less)
+        if variable.startswith("tool"):
+            continue  # to the robot itself a tool is a load, and shows in torques and tensions
         yield "actuator", variable, shared(actuators, values, less)
         if pair is not None:
             yield "parallelogram", variable, shared(pair, values, less)
-        yield "body", variable, shared(body, values, less)
+        if turn is not None and variable in ("payload", "time"):
+            yield "tool", variable, shared(turn, values, less)
     if np.ptp(at.payload) > 0:
         loaded = at.payload[:, None] / at.payload.max()
         # With a payload the plate may sink by place, and each motor by its angle.
         yield "body", "payload × place", products(body, loaded * _place(place, 1))
         yield "actuator", "payload × q", lambda degree: _each(actuators, lambda i: loaded * legendre(at.q[:, i], 0, 2))
+        yield (
+            "actuator", "payload × place",
+            lambda degree: _each(actuators, lambda i: loaded * _place(place, 2 if degree > 2 else 1)),
+        )  # fmt: skip
 
 
 def _recorded(point: Point) -> Mapping[str, np.ndarray]:
@@ -193,6 +201,16 @@ def _recorded(point: Point) -> Mapping[str, np.ndarray]:
         elif not same:
             out[name] = values
     return out
+
+
+def _lever(point: Point) -> np.ndarray | None:
+    """(N, 6, 3) response to turns of the tool on the plate; None where all rows have one tool, which hides them."""
+    tool = point.situation.tool
+    if not np.ptp(tool, axis=0).any():
+        return None
+    arm = (point.prediction.pose.R @ tool[..., None])[..., 0]
+    turned = np.cross(np.eye(3)[:, None], arm)  # (3, N, 3)
+    return np.concatenate([turned, np.zeros_like(turned)], axis=-1).transpose(1, 2, 0)
 
 
 def _each(response: np.ndarray, functions) -> np.ndarray:

@@ -17,7 +17,7 @@ from pcalib.diagnosis.noise import Blocks, NoiseLevel
 from pcalib.diagnosis.outliers import Outliers
 from pcalib.diagnosis.patterns import Pattern, patterns, ripple
 from pcalib.diagnosis.ripple import scanned
-from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, screen
+from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, screen, span
 from pcalib.effects.base import Effect
 from pcalib.measurement import Measurements
 from pcalib.model import Model
@@ -58,10 +58,10 @@ class Problem:
     @cached_property
     def groups(self) -> list[Group]:
         """Candidates, then patterns."""
-        out = [Group(c.spec, self.whitened(c.columns), c.scale, trials=c.trials) for c in self.candidates]
+        out = [Group(c.spec, self.whitened(c.columns), c.scale, search=c.search) for c in self.candidates]
         for p in self.patterns:
             size = np.full(p.columns.shape[-1], p.size)
-            out.append(Group(f"{p.channel} × {p.variable}", self.whitened(p.columns), size, True, p.trials))
+            out.append(Group(f"{p.channel} × {p.variable}", self.whitened(p.columns), size, True, p.search))
         return out
 
     @property
@@ -148,11 +148,11 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
         found.append(Candidate(name, name, None, columns, chosen.scale[:n], -free, free))
     # The patterns together leave half of what the data can say to judge the noise by, each a fair share to others.
     room = len(linear.residual) - int(np.linalg.matrix_rank(nuisance, NUISANCE))
-    cells = patterns(point, max(3, min(60, room // 6)), max(30, room // 2 - 40), np.asarray(fit.mask.any(axis=0)))
-    if point.situation.robot.mechanism.actuator_dimension == "angle" and not any(c.trials > 1 for c in found):
+    cells = patterns(point, max(3, min(60, room // 6)), max(30, room // 2 - 20), np.asarray(fit.mask.any(axis=0)))
+    if point.situation.robot.mechanism.actuator_dimension == "angle" and not any(c.search.trials > 1 for c in found):
         # No effect that is searched for speaks for fast errors of the motors: the patterns have to.
-        best, trials = scanned(point, linear.residual, nuisance, whiten)[-1]
-        cells.append(ripple(point, best.cycles[0], trials))
+        best, search = scanned(point, linear.residual, nuisance, whiten)[-1]
+        cells.append(ripple(point, best.cycles[0], search))
     eye = np.broadcast_to(np.eye(6), (len(fit), 6, 6))
     return Problem(
         model, fit, point, linear.residual, nuisance, linear.row, linear.component,
@@ -180,8 +180,14 @@ def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
     """The best noise level that the data allow."""
     drift = [c for c in made.candidates if c.name == "base_drift"]
     columns = _padded(made.data, drift[0].columns * drift[0].scale) if drift else np.zeros((*blocks.y.shape, 0))
-    repeated = noises.from_replicates(made.data, blocks, columns)
-    rest = noises.from_rest(made.data, blocks, _scatter(joint_span(made.nuisance, made.groups), made))
+    V = noises.contrasts(made.data, made.data.mask, columns)
+    repeated = noises.from_replicates(made.data, blocks, V)
+    Q = joint_span(made.nuisance, made.groups)
+    if repeated is not None:
+        Q = span(np.hstack([Q, _gather(V, made.row, made.component)]), 1e-6)
+    # What was chosen to suit the noise took of it in all directions alike: some outside all else.
+    luck = max((group.search.luck for group in made.groups), default=0.0) * (1 - Q.shape[1] / len(made.y))
+    rest = noises.from_rest(made.data, blocks, _scatter(Q, made), luck)
     if repeated is not None:
         return noises.pooled(repeated, rest)
     return rest or noises.as_stated(made.data)

@@ -32,6 +32,19 @@ KNOWN = 1e6
 
 
 @dataclass(frozen=True)
+class Search:
+    """What it costs that a group was found by trying many of its kind: the look-elsewhere effect."""
+
+    trials: float = 1.0
+    """Independent tries that would reach as far by chance."""
+    luck: float = 0.0
+    """Square sum, noise units, that the best of them takes of pure noise beyond its number of columns."""
+
+
+NOT_SEARCHED = Search()
+
+
+@dataclass(frozen=True)
 class Group:
     """Some columns that may explain residuals."""
 
@@ -42,8 +55,8 @@ class Group:
     """(p,) usual size of each parameter."""
     pattern: bool = False
     """A smooth pattern of the omnibus set: it is never an explanation, only a warning."""
-    trials: int = 1
-    """How many of its kind were tried to find this one, which all count (look-elsewhere effect)."""
+    search: Search = NOT_SEARCHED
+    """How it was found, where it was searched for."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +94,7 @@ class Screen:
     parts: tuple[np.ndarray, ...]
     """G arrays (D, p_g): visible columns per unit parameter."""
     trials: np.ndarray
-    """(G,) how many were tried to find each group."""
+    """(G,) independent tries that each group is the best of."""
     full: tuple[np.ndarray, ...]
     """G arrays (p_g,): norm of each column before the nuisance was projected out, noise units per unit parameter."""
     scale: tuple[np.ndarray, ...]
@@ -218,7 +231,7 @@ def screen(
         pattern=np.array([group.pattern for group in groups], bool),
         blocks=tuple(W.T @ basis for basis in bases),
         parts=tuple(W.T @ part for part in visible),
-        trials=np.array([group.trials for group in groups], int),
+        trials=np.array([group.search.trials for group in groups], float),
         full=tuple(np.linalg.norm(group.columns, axis=0) for group in groups),
         scale=tuple(np.asarray(group.scale, float) for group in groups),
         basis=W,

@@ -32,7 +32,9 @@ def test_no_fault_nothing_missing_with_limits(measured):
     data, model = measured()
     found = diagnose(model, data)
     assert found.verdict == "nothing_missing" and found.established == () and names(found) == {()}
-    assert found.noise.verified and 0.8 < found.noise.ratio[0] < 1.2
+    assert found.noise.verified
+    assert found.noise.sigma_pos == pytest.approx(15e-6, rel=0.1)
+    assert found.noise.sigma_rot == pytest.approx(60e-6, rel=0.1)
     limits = {f.candidate.spec: f.smallest_seen for f in found.findings}
     assert 1e-6 < limits["backlash"][0] < 1e-4  # well below an arc minute
     assert limits["drive_compliance"][0] < 3e-5

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from pcalib.diagnosis import adequacy, limits
-from pcalib.diagnosis.screen import Group, Noise, screen
+from pcalib.diagnosis.screen import Group, Noise, Search, screen
 
 M = 100
 
 
-def made(dof=np.inf, d=1, y=None, trials=1):
+def made(dof=np.inf, d=1, y=None, trials=1.0):
     rng = np.random.default_rng(0)
-    groups = [Group("x", rng.standard_normal((M, d)) * 7, np.ones(d), trials=trials)]
+    groups = [Group("x", rng.standard_normal((M, d)) * 7, np.ones(d), search=Search(trials))]
     groups += [Group(f"g{i}", rng.standard_normal((M, 3)), np.ones(3)) for i in range(6)]
     y = np.zeros(M) if y is None else y
     return screen(y, np.zeros((M, 0)), groups, Noise(np.zeros(M, int), np.array([dof])), n_draws=2000)

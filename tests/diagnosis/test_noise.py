@@ -35,7 +35,8 @@ def data(measured):
 
 
 def replicated(data, made, drift=None):
-    level = noises.from_replicates(data, made, np.zeros((N, 6, 0)) if drift is None else drift)
+    V = noises.contrasts(data, made.measured, np.zeros((N, 6, 0)) if drift is None else drift)
+    level = noises.from_replicates(data, made, V)
     assert level is not None
     return level
 
@@ -109,7 +110,8 @@ class TestVarianceComponents:
     def test_too_few_replicates_are_none(self, data):
         few = data.take(slice(0, 4))
         small = noises.Blocks(np.ones((4, 6), bool), np.ones((4, 6)), np.zeros((4, 6, 3)))
-        assert noises.from_replicates(few, small, np.zeros((4, 6, 0))) is None
+        V = noises.contrasts(few, small.measured, np.zeros((4, 6, 0)))
+        assert noises.from_replicates(few, small, V) is None
 
 
 class TestOutliers:

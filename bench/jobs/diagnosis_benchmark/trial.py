@@ -15,7 +15,7 @@ from bench.jobs.hidden import case as cases
 from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.case import Case
 from bench.jobs.hidden.catalogue import CATALOGUE
-from bench.jobs.hidden.design import DESIGNS
+from bench.jobs.hidden.design import BAR, DESIGNS
 from bench.jobs.hidden.grading import SLACK, Answer, Facts, Grade
 from bench.jobs.hidden.stage import Stage
 from pcalib import compensation, identification, planning
@@ -83,6 +83,8 @@ def run(robot: Robot, seed: int, cell: Cell) -> list[Trial]:
     design = DESIGNS[cell.design]
     if cell.part == "add":
         design = replace(design, check=CHECKED, interleaved=True)
+        if any(CATALOGUE[name].bar for name in cell.what):
+            design = replace(design, points=BAR)
     companion = any(CATALOGUE[name].companion for name in cell.what)
     if cell.named and "gear_ripple" in cell.what:
         robot = naming_its_gears(robot)

@@ -60,6 +60,8 @@ class Hidden:
     effect: str | None
     """Name of the library's effect that describes it; None: no library lists it."""
     vary: Vary | None = None
+    bar: bool = False
+    """Whether only a scale bar shows it, two targets of known distance: elsewhere geometry takes up most of it."""
     companion: bool = False
     """Whether it is felt only where drives give way as well, which the user's model then knows already."""
 
@@ -131,7 +133,7 @@ _ALL = (
     Hidden("joint_clearance", {"gap_um": 8.0}, "joint_clearance"),
     Hidden("base_drift", {"v_um_h": [60.0, 0, 0], "w_urad_h": [60.0, 0, 0]}, "base_drift", _aim("v", "w")),
     Hidden("tracker_drift", {"v_um_h": [60.0, 0, 0], "w_urad_h": [60.0, 0, 0]}, "base_drift", _aim("v", "w")),
-    Hidden("tracker_scale", {"scale_ppm": 10.0}, "tracker_scale", _sign("scale")),
+    Hidden("tracker_scale", {"scale_ppm": 10.0}, "tracker_scale", _sign("scale"), bar=True),
     Hidden("gravity_tilt", {"x_mrad": 10.0, "y_mrad": 0.0}, "gravity_tilt", _tilt, companion=True),
     # Twice a turn would be an encoder off centre, seen through the rods: five times is a shape of its own.
     Hidden("bearing_runout", {"radius_um": 10.0, "cycles_per_rev": 5.0}, None, _phase),

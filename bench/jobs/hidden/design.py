@@ -8,6 +8,8 @@ import numpy as np
 
 from bench.instrument import Instrument
 
+BAR = ((0.0, 0.0, 0.0), (-0.5, 0.0, 0.0), (0.5, 0.0, 0.0))
+"""[m] The plate's centre and the ends of a metre bar across it."""
 POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.2), (0.12, 0.0, -0.1))
 """[m] Measured points of a rich plan: on the plate, below it, and to the side."""
 
