@@ -23,7 +23,7 @@ from bench.commands import REFERENCE_TEMPERATURE, TEMPERATURES, Commands
 from bench.machine import Machine
 from bench.reach import reach
 from pcalib import columns as cols
-from pcalib import measurement, rotation
+from pcalib import measurement, plausibility, rotation
 from pcalib import table as tables
 from pcalib.errors import InputError, ReachError, unknown
 from pcalib.robot import Robot
@@ -143,10 +143,10 @@ def _poses(robot: Robot, n: int, generator: np.random.Generator, solver: Solver,
     kept: list[np.ndarray] = []
     tried = 0
     while sum(map(len, kept)) < n:
-        if tried > 300 + 50 * n:
+        if tried > (300 + 50 * n if kept and max(map(len, kept)) else 600):
             raise ReachError(
                 f"the workspace of '{robot.name}' is all but out of its reach: {sum(map(len, kept))} of {tried} random "
-                "poses lie within the joint range; check [workspace] and [joints] of the robot file"
+                "poses lie within the joint range\n  check [workspace] and [joints] of the robot file"
             )
         size = max(8, n - sum(map(len, kept)))
         tried += size
@@ -258,6 +258,9 @@ def _of_file(robot: Robot, path: Path, tools: Sequence[np.ndarray], payloads: Se
         raise table.error("the plan has tools of its own", remedy="leave out --tool, or the tool columns")
     if len(tools) > 1 or len(payloads) > 1:
         raise InputError("a plan from a file takes one tool and one payload for all rows", file=path)
+    low, high = robot.joint_range
+    if not ((q >= low) & (q <= high)).all(axis=1).any():  # one row out of reach is reported later, all are a wrong unit
+        plausibility.joints(columns, robot, q)
     payload = cols.payload(columns)
     if len(payloads):
         payload = np.full(len(q), float(payloads[0]))

@@ -139,7 +139,7 @@ def _judge(truth: Truth, landing: Landing) -> None:
         hint = f"the joints of '{truth.robot.name}' go from {low:g} to {high:g} {unit}; {hint}, or in another unit"
     elif names:
         hint = f"faults {', '.join(names)} may be too strong"
-    raise ReachError(f"{len(failed)} of {len(landing)} commands cannot be carried out ({why}): {hint}")
+    raise ReachError(f"{len(failed)} of {len(landing)} commands cannot be carried out ({why})\n  {hint}")
 
 
 def _land(

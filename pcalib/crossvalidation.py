@@ -73,6 +73,19 @@ def _rms(error: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.nansum(error[some] ** 2, axis=1)))) if some.any() else float("nan")
 
 
+def require_folds(data: Measurements, folds: int) -> np.ndarray:
+    """(N,) group of rows with one command; −1 for rows held out.
+
+    Raises:
+        InputError: fewer than two folds, or more than there are commands.
+    """
+    group = _groups(data)
+    count = int(group.max(initial=-1)) + 1
+    if not 2 <= folds <= count:
+        raise InputError(f"{folds} folds of {count} commands", file=data.source, remedy=f"choose 2 to {count} folds")
+    return group
+
+
 def cross_validate(
     data: Measurements,
     robot: Robot | Model,
@@ -92,10 +105,7 @@ def cross_validate(
         InputError: fewer commands than folds, or a fold whose fit the rest of the data cannot support.
         FitError: a fold's fit is not usable.
     """
-    group = _groups(data)
-    count = int(group.max(initial=-1)) + 1
-    if not 2 <= folds <= count:
-        raise InputError(f"{folds} folds of {count} commands", file=data.source, remedy=f"choose 2 to {count} folds")
+    group = require_folds(data, folds)
     fold = np.where(group >= 0, group % folds, -1)
     error = np.full((len(data), 6), np.nan)
     rod: np.ndarray | None = None

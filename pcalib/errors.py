@@ -54,4 +54,4 @@ def unknown(what: str, given: str, accepted: Iterable[str]) -> str:
     names = list(accepted)
     near = get_close_matches(given, names, n=1)
     hint = f" (did you mean '{near[0]}'?)" if near else ""
-    return f"unknown {what} '{given}'{hint}; accepted: {', '.join(names)}"
+    return f"unknown {what} '{given}'{hint}; accepted: {', '.join(names) or 'none'}"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shutil
 import tempfile
 import tomllib
 from collections.abc import Iterator
@@ -55,6 +57,23 @@ def parse_toml(text: str, source: str | Path, remedy: str) -> dict[str, Any]:
         raise InputError(f"not valid TOML: {problem}", file=source, line=number, remedy=remedy) from None
 
 
+def parse_json(text: str, source: str | Path, remedy: str) -> dict[str, Any]:
+    """The object of a JSON text; `source` names it in messages.
+
+    Raises:
+        InputError: not JSON, with the line, or no object.
+    """
+    try:
+        content = json.loads(text)
+    except RecursionError:  # brackets nested thousandfold
+        raise InputError("not valid JSON: nested too deep", file=source, remedy=remedy) from None
+    except json.JSONDecodeError as error:
+        raise InputError(f"not valid JSON: {error.msg}", file=source, line=error.lineno, remedy=remedy) from None
+    if not isinstance(content, dict):
+        raise InputError("not a JSON object", file=source, remedy=remedy)
+    return content
+
+
 @contextmanager
 def atomic(path: str | Path) -> Iterator[Path]:
     """A temporary path beside `path` that takes its place when the block ends well, and vanishes when it does not.
@@ -85,6 +104,34 @@ def atomic(path: str | Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+@contextmanager
+def atomic_folder(path: str | Path) -> Iterator[Path]:
+    """A temporary folder beside `path` whose content appears there when the block ends well, and not when it does not.
+
+    Raises:
+        InputError: the folder cannot be made or written, or the disk is full.
+    """
+    path = Path(path)
+    remedy = "name a folder that can be made, and make room"
+    check_folder(path)
+    try:  # in the nearest folder that exists: those above `path` are made at the end only
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=_nearest(path.absolute().parent)))
+    except OSError as error:
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from None
+    try:
+        yield temporary
+        path.mkdir(parents=True, exist_ok=True)
+        there = [item.name for item in temporary.iterdir() if (path / item.name).is_dir()]
+        if there:
+            raise InputError(f"there is a folder '{there[0]}' in it already", file=path, remedy="name a new folder")
+        for item in temporary.iterdir():
+            item.replace(path / item.name)
+    except OSError as error:
+        raise InputError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
 def check_places(*paths: str | Path | None) -> None:
     """Say before long work, not after it, that a result has no place to go; None is no result.
 
@@ -98,6 +145,25 @@ def check_places(*paths: str | Path | None) -> None:
         if not (folder.is_dir() and os.access(folder, os.W_OK)):
             what = "permission denied" if folder.is_dir() else "no such folder"
             raise InputError(f"cannot write: {what}", file=path, remedy="name a folder that exists and is writable")
+
+
+def check_folder(path: str | Path | None) -> None:
+    """The same for a folder of results, which need not be there yet.
+
+    Raises:
+        InputError: it is a file, or cannot be made or written.
+    """
+    if path is None:
+        return
+    there = _nearest(Path(path).absolute())
+    if not (there.is_dir() and os.access(there, os.W_OK)):
+        what = "permission denied" if there.is_dir() else f"{there.name} is a file"
+        raise InputError(f"cannot make this folder: {what}", file=path, remedy="name a folder that can be made")
+
+
+def _nearest(folder: Path) -> Path:
+    """A path, or the nearest above it that exists."""
+    return folder if folder.exists() else next(p for p in folder.parents if p.exists())
 
 
 def write_text(path: str | Path, text: str) -> None:

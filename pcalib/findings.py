@@ -29,6 +29,8 @@ class Finding:
     code: str
     """Stable name, for programs."""
     message: str
+    remedy: str = ""
+    """Of an error: what to do about it."""
 
 
 def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
@@ -37,12 +39,18 @@ def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
     readings = int(used.mask.sum())
     nothing = np.all(~data.mask, axis=1)
     if nothing.all():
-        yield Finding("error", "nothing_measured", "No row holds a measurement: x, y, z and rotation are all blank.")
+        yield Finding(
+            "error", "nothing_measured", "No row holds a measurement: x, y, z and rotation are all blank.",
+            "Fill in what the instrument read.",
+        )  # fmt: skip
         return
     if nothing.any():
         yield Finding("warning", "empty_rows", f"No measurement in {_lines(data, nothing)}.")
     if not len(used):
-        yield Finding("error", "nothing_to_fit", "All rows are set = check: there is nothing to fit.")
+        yield Finding(
+            "error", "nothing_to_fit", "All rows are set = check: there is nothing to fit.",
+            "Mark some rows fit, or leave the column 'set' out.",
+        )  # fmt: skip
         return
     poses = len(np.unique(np.round(used.q, 9), axis=0))
     if poses == 1:
@@ -243,7 +251,8 @@ def against_nominal(data: Measurements, nominal: Nominal) -> Iterator[Finding]:
         yield Finding(
             "error", "swapped_columns",
             f"The data are {nominal.distance} from the nominal robot, and would fit if "
-            + ", or if ".join(nominal.explanations[:3]) + ": correct the columns.",
+            + ", or if ".join(nominal.explanations[:3]) + ".",
+            "Correct the columns, or check the robot file.",
         )  # fmt: skip
     elif data.frame == "base" and nominal.rms > mixups.LARGE and nominal.aligned_rms < mixups.GAIN * nominal.rms:
         yield Finding(

@@ -77,6 +77,17 @@ class Identifiability:
             }
         return out
 
+    def companions(self, least: float = 0.1) -> dict[str, tuple[dict[str, float], int]]:
+        """Of each parameter outside the base the main part of what it cannot be told from, and how many terms are
+        left out: those that come to less than `least` of the largest, each counted in its manufacturing tolerance."""
+        prior = dict(zip(self.names, self.prior.tolist(), strict=True))
+        out = {}
+        for name, mix in self.dependent.items():
+            size = {other: abs(value) * prior[name] / prior[other] for other, value in mix.items()}
+            main = {o: v for o, v in mix.items() if size[o] >= least * max(size.values())}
+            out[name] = (main, len(mix) - len(main))
+        return out
+
     def sentences(self) -> list[str]:
         """The null directions in words."""
         out = []

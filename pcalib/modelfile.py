@@ -92,6 +92,8 @@ def loads(text: str, source: str | Path = "model", effect_files: Iterable[str] =
         return _from_table(table, list(effect_files))
     except InputError as error:
         raise InputError(error.problem, file=source, remedy=error.remedy or _AGAIN) from None
+    except EffectError as error:
+        raise EffectError(f"{source}: {error}") from None
 
 
 def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
@@ -115,7 +117,20 @@ def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
     effects = tuple(_effect_from(entry, described, effect_files) for entry in _tables(table, "effects"))
     frame = _frame_from(_table(table, "frame")) if "frame" in table else None
     known = sigma if np.isfinite(sigma).any() else None
-    return Model(described, k, _level(table, mechanism), effects, frame, known, tuple(_tables(table, "history")))
+    return Model(described, k, _level(table, mechanism), effects, frame, known, _history(table))
+
+
+def _history(table: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    """The steps, each with what a list of them shows of the right kind."""
+    entries = _tables(table, "history")
+    for number, entry in enumerate(entries, 1):
+        where = f"history entry {number}"
+        _tables(entry, "effects", f"{where}: ")
+        check = _table(entry, "check", f"{where}: ") if "check" in entry else {}
+        for figures, key in ((entry, "rms_pos_um"), (entry, "chi2_dof"), (check, "rms_pos_um")):
+            if not isinstance(figures.get(key, 0.0), (int, float)):  # inf and nan may come out of a fit
+                raise InputError(f"{where}: {key} must be a number, not {figures[key]!r:.40}")
+    return tuple(entries)
 
 
 def snapshot(model: Model, action: str, **figures: Any) -> dict[str, Any]:
@@ -211,11 +226,11 @@ def _table(table: Mapping[str, Any], key: str, where: str = "") -> Mapping[str, 
     return found
 
 
-def _tables(table: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+def _tables(table: Mapping[str, Any], key: str, where: str = "") -> list[Mapping[str, Any]]:
     """A list of tables, empty where the key is absent."""
     found = table.get(key, [])
     if not isinstance(found, list) or not all(isinstance(entry, Mapping) for entry in found):
-        raise InputError(f"{key} is no list of tables")
+        raise InputError(f"{where}{key} is no list of tables")
     return found
 
 

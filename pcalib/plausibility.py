@@ -39,7 +39,7 @@ def joints(columns: Columns, robot: Robot, q: np.ndarray) -> None:
         if unit.dimension == robot.mechanism.actuator_dimension
         and unit.factor != factor
         and np.all((written * unit.factor >= low - slack) & (written * unit.factor <= high + slack))
-        and np.max(np.abs(written)) * unit.factor > 0.05 * (high - low)
+        and np.min(np.max(np.abs(written), axis=0)) * unit.factor > 0.05 * (high - low)
     ]
     remedy = f"the values look like {fits[0]}: name the column {quantity}_{fits[0]}" if fits else (
         "check the value, its unit and sign, and [joints] of the robot file"
@@ -53,8 +53,7 @@ def joints(columns: Columns, robot: Robot, q: np.ndarray) -> None:
 
 def tools(columns: Columns, robot: Robot, tool: np.ndarray) -> None:
     """Tool vectors (N, 3) no longer than a few times the robot."""
-    size = _size(robot)
-    long = np.linalg.norm(tool, axis=1) > 3 * size
+    size, long = _size(robot), too_long(robot, tool)
     if long.any():
         row = int(np.argmax(long))
         name = columns.name("tool_x")
@@ -62,6 +61,11 @@ def tools(columns: Columns, robot: Robot, tool: np.ndarray) -> None:
             f"a tool of {np.linalg.norm(tool[row]):.4g} m is longer than the robot is large ({size:.2g} m)",
             row=row, column=name, remedy="check its unit: tool_x_mm, tool_y_mm, tool_z_mm",
         )
+
+
+def too_long(robot: Robot, tool: np.ndarray) -> np.ndarray:
+    """Which tools (…, 3) [m] are several times longer than the robot is large."""
+    return np.linalg.norm(tool, axis=-1) > 3 * _size(robot)
 
 
 def positions(columns: Columns, robot: Robot, point: np.ndarray) -> None:

@@ -170,7 +170,8 @@ def parse_quantity(text: str, dimension: str, *, option: str = "value") -> np.nd
     unit = UNITS.get(match.group(2))
     if unit is None or unit.dimension != dimension:
         said = f"unknown unit '{match.group(2)}'" if match.group(2) else "no unit"
-        raise InputError(f"{option} '{text}': {said}", remedy=f"end it with one of {accepted}, e.g. '0,0,-300mm'")
+        example = f"{match.group(1)}{next(s for s in ('mm', 'deg', 'kg', *accepted.split(', ')) if s in accepted)}"
+        raise InputError(f"{option} '{text}': {said}", remedy=f"end it with one of {accepted}, e.g. {example}")
     values = np.array([float(v) for v in match.group(1).split(",")]) * unit.factor
     if not np.isfinite(values).all():
         raise InputError(f"{option} '{text}' is beyond what a number can hold", remedy=f"units: {accepted}")

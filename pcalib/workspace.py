@@ -58,7 +58,8 @@ def reachable(robot: Robot, n: int, rng: np.random.Generator) -> Candidates:
             break
     else:
         raise ReachError(
-            f"only {count} of {n} poses found in the workspace of robot '{robot.name}'; check [workspace] and [joints]"
+            f"only {count} of {n} poses found in the workspace of robot '{robot.name}'\n"
+            "  check [workspace] and [joints] of the robot file"
         )
     pose = Pose(*(np.concatenate([getattr(p, a) for p in kept])[:n] for a in ("x", "R", "phi")))
     return Candidates(np.concatenate(kept_q)[:n], pose)

@@ -67,3 +67,35 @@ def test_write_refuses_where_it_cannot(tmp_path):
         files.write_text(tmp_path, "x")
     with pytest.raises(InputError, match="cannot write"):
         files.write_text(tmp_path / "absent" / "file", "x")
+
+
+def test_a_folder_appears_whole_or_not_at_all(tmp_path):
+    place = tmp_path / "deep" / "down"
+    for error in (RuntimeError, OSError("full")):
+        with pytest.raises((RuntimeError, InputError)), files.atomic_folder(place) as fresh:
+            (fresh / "a").write_text("1")
+            raise error
+        assert list(tmp_path.iterdir()) == []
+    with files.atomic_folder(place) as fresh:
+        (fresh / "sub").mkdir()
+        (fresh / "sub" / "a").write_text("1")
+        assert not place.exists()
+    assert [p.relative_to(tmp_path).as_posix() for p in sorted(tmp_path.rglob("*"))] == [
+        "deep", "deep/down", "deep/down/sub", "deep/down/sub/a",
+    ]  # fmt: skip
+
+
+def test_a_folder_that_is_there_keeps_what_is_not_written_anew(tmp_path):
+    (tmp_path / "sub").mkdir()
+    for name in ("mine", "result"):
+        (tmp_path / name).write_text("old")
+    with files.atomic_folder(tmp_path) as fresh:
+        (fresh / "result").write_text("new")
+    assert (tmp_path / "mine").read_text() == "old" and (tmp_path / "result").read_text() == "new"
+    with pytest.raises(InputError, match="a folder 'sub' in it already"), files.atomic_folder(tmp_path) as fresh:
+        (fresh / "sub").mkdir()
+        (fresh / "result").write_text("newer")
+    assert (tmp_path / "result").read_text() == "new"
+    for blocked in (tmp_path / "mine", tmp_path / "mine" / "below"):
+        with pytest.raises(InputError, match="mine is a file"), files.atomic_folder(blocked):
+            raise AssertionError("nothing is begun")

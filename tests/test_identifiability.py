@@ -104,6 +104,22 @@ def test_dependent_parameters_leave_no_trace_in_the_stated_combination(delta, q,
     assert len(found.sentences()) == len(found.dependent)
 
 
+@pytest.mark.parametrize("least", [0.3, 0.7])
+def test_companions_are_the_main_part_counted_in_tolerances(delta, q, least):
+    mechanism = delta.mechanism
+    J, _ = design(delta, q)
+    found = analyse(J, priors(mechanism.units), mechanism.parameters)
+    prior = dict(zip(mechanism.parameters, priors(mechanism.units), strict=True))
+    companions = found.companions(least)
+    assert list(companions) == list(found.dependent)
+    for name, (main, rest) in companions.items():
+        size = {other: abs(value) / prior[other] for other, value in found.dependent[name].items()}
+        left = set(size) - set(main)
+        assert main and rest == len(left) and main.items() <= found.dependent[name].items()
+        assert min(size[o] for o in main) >= least * max(size.values()) > max((size[o] for o in left), default=0)
+    assert any(rest for _, rest in companions.values())
+
+
 def test_the_null_directions_of_the_paper(delta, q):
     """Six of a.x ≡ bp along the axis, three of β·u ≡ a.z of both rods, as parameters in words and as vectors."""
     mechanism = delta.mechanism

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SHARED = {"errors", "units", "files", "robot", "rotation", "measurement", "columns", "table"}
-"""What the virtual robot may take from pcalib: descriptions, files and rotations."""
+SHARED = {"errors", "units", "files", "robot", "rotation", "measurement", "columns", "table", "plausibility"}
+"""What the virtual robot may take from pcalib: descriptions, files with what is checked on reading, and rotations."""
 NOT_OF_A_ROBOT = {"actuation", "levels", "start", "plate_points", "plate_columns", "body", "hinges", "actuator"}
 """Members of `robot.mechanism` that hold kinematics, not names and nominal values."""
 

@@ -26,6 +26,6 @@ def test_effects_see_the_conditions_of_the_data():
     truth = truths.parse(TRUTH)
     data = simulate.run(truth, plans.make(truth.robot, "rich", 60, seed=1)).measurements
     names = "thermal_arms", "drive_compliance"
-    chosen = [start_effect(name, truth.robot, data.columns) for name in names]
+    chosen = [start_effect(name, truth.robot, data) for name in names]
     fit = identification.fit(data, truth.robot, effects=chosen)
     assert fit.fit.chi2_dof < 1.5 and trust.doubts(fit, data) == []

@@ -13,10 +13,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from pcalib.cli.frame import OutputFolder
+
 
 def command(
     *,
-    output: Annotated[Path, Parameter(name=("--output", "-o"))],
+    output: OutputFolder,
     n: Annotated[int, Parameter(name="-n")] = 20,
     seed: int = 0,
     robot: Path | None = None,

@@ -12,14 +12,14 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption
+from pcalib.cli.frame import JsonOption, OutputFolder
 
 
 def command(
     spec: Path,
     /,
     *,
-    output: Annotated[Path, Parameter(name=("--output", "-o"))],
+    output: OutputFolder,
     workers: int | None = None,
     scheduler: str | None = None,
     figures: Annotated[bool, Parameter(negative="--no-figures")] = True,

@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter
 
 from pcalib.cli._tools import ToolsOption, tool_options
-from pcalib.cli.frame import JsonOption, quantity
+from pcalib.cli.frame import JsonOption, OutputFolder, quantity
 
 
 def command(
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("out/demo"),
+    output: OutputFolder = Path("out/demo"),
     robot: Path | None = None,
     tool: ToolsOption = (),
     length_error: Annotated[np.ndarray | None, quantity("length")] = None,

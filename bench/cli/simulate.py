@@ -14,14 +14,14 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption
+from pcalib.cli.frame import JsonOption, RequiredOutput
 
 
 def command(
     truth: Path,
     /,
     *,
-    output: Annotated[Path, Parameter(name=("--output", "-o"))],
+    output: RequiredOutput,
     plan: str = "random",
     n: Annotated[int, Parameter(name="-n")] = 40,
     check: int = 0,
@@ -64,17 +64,14 @@ def command(
         return values
 
     if workers < 1:
-        raise InputError(f"--workers {workers}: at least one process has to do the work")
+        raise InputError(f"--workers {workers} can do no work", remedy="ask for at least one process")
     if seed < 0:
         raise InputError(f"--seed {seed} is negative", remedy="take any whole number from 0 on")
-    if output.exists() and output.samefile(truth):
-        raise InputError("the truth would be overwritten by its data", file=output, remedy="name another file with -o")
-    files.check_places(output, json)
     hidden = truths.load(truth)
     tools = quantities(tool, "length", 3, "--tool")
     payloads = [float(v[0]) for v in quantities(payload, "mass", 1, "--payload")]
     if min(payloads, default=0.0) < 0:
-        raise InputError(f"--payload {min(payloads):g}kg: a payload cannot be negative")
+        raise InputError(f"--payload {min(payloads):g}kg: a payload cannot be negative", remedy="write e.g. 2kg")
     if plan == plans.OPTIMAL:
         from bench.jobs import optimal
 
@@ -85,8 +82,9 @@ def command(
         data = simulate.run(hidden, made, seed, workers, advance)
     sealed = simulate.truth_path(output)
     text = truths.dumps(hidden, {"plan": made.name, "seed": seed, "data": output.name})
-    measurement.save(output, data.measurements)
-    files.write_text(sealed, text)
+    with files.atomic(sealed) as fresh:  # both or neither: data whose truth is lost cannot be verified
+        fresh.write_text(text, encoding="utf-8")
+        measurement.save(output, data.measurements)
 
     held = int(data.measurements.check.sum())
     frame.say(f"{output}: {len(data.kept)} poses" + (f", {held} of them held out" if held else ""))

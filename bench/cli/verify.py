@@ -62,7 +62,6 @@ def command(
         seed: Of approach directions and of the drives' repeatability.
     """
     from bench.jobs import verify, verify_report
-    from pcalib import files
     from pcalib.cli import frame
     from pcalib.errors import InputError
 
@@ -71,13 +70,15 @@ def command(
         if limit is not None and not limit >= 0:
             raise InputError(f"a limit of {limit} µm cannot hold", remedy="take a number from 0 on")
     if cycles < 1 or seed < 0:
-        raise InputError(f"--cycles {cycles} --seed {seed}: at least one cycle, and no negative seed, please")
-    files.check_places(json)
-    tools = tool_options(tool)
+        remedy = "ask for at least one cycle, and a seed from 0 on"
+        raise InputError(f"--cycles {cycles} --seed {seed} make no sense", remedy=remedy)
     calibrated, real = verify.load(model, truth, effect_file)
+    tools = tool_options(tool, real.robot)
     load = None if payload is None else float(payload[0])
     if load is not None and load < 0:
-        raise InputError(f"--payload {load:g}kg: a payload cannot be negative")
+        raise InputError(f"--payload {load:g}kg: a payload cannot be negative", remedy="write e.g. 2kg")
+    if temperature is not None and temperature[0] < -273.15:
+        raise InputError("--temperature: there is nothing below −273.15 °C", remedy="write e.g. 28degC")
     tasks = verify.tasks(real.robot, tools, targets, load)
     done = {}
     with frame.progress("landing", cycles * sum(len(task.position) for task in tasks.values())) as advance:

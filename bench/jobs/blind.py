@@ -64,25 +64,39 @@ def make(
     """Write n data sets and their sealed truths; the same seed gives the same bytes.
 
     Raises:
-        InputError: the folder cannot be written, or holds other data sets.
+        InputError: the folder cannot be written, or holds other data sets; nothing is left behind.
     """
     if n < 1 or seed < 0 or workers < 1:
         asked = f"{n} data sets of seed {seed} on {workers} processes"
         raise InputError(f"{asked} make no sense", remedy="use positive numbers")
     if folder.exists() and any(folder.glob("*.csv")):
         raise InputError("there are data sets in this folder already", file=folder, remedy="name a new folder with -o")
-    (folder / SEALED).mkdir(parents=True, exist_ok=True)
-    files.write_text(folder / "robot.toml", robot.text)
-    out = []
-    for index, blind in enumerate(_drawn(robot, n, seed, workers), 1):
-        path = folder / f"{index:03d}.csv"
-        measurement.save(path, blind.data)
-        files.write_text(folder / SEALED / f"{index:03d}.truth.toml", blind.truth)
-        content = {"schema": SCHEMA, "data": path.name, **blind.facts}
-        files.write_text(folder / SEALED / f"{index:03d}.json", json.dumps(content, indent=2) + "\n")
-        out.append(path)
-        advance()
-    return out
+    _require_suited(robot)
+    names = []
+    with files.atomic_folder(folder) as fresh:
+        (fresh / SEALED).mkdir()
+        files.write_text(fresh / "robot.toml", robot.text)
+        for index, blind in enumerate(_drawn(robot, n, seed, workers), 1):
+            name = f"{index:03d}"
+            measurement.save(fresh / f"{name}.csv", blind.data)
+            files.write_text(fresh / SEALED / f"{name}.truth.toml", blind.truth)
+            content = {"schema": SCHEMA, "data": f"{name}.csv", **blind.facts}
+            files.write_text(fresh / SEALED / f"{name}.json", json.dumps(content, indent=2) + "\n")
+            names.append(f"{name}.csv")
+            advance()
+    return [folder / name for name in names]
+
+
+def _require_suited(robot: Robot) -> None:
+    """Refuse a robot in which some fault of the catalogue cannot be."""
+    for hidden in CATALOGUE.values():
+        try:
+            hidden.needs(robot)
+        except InputError:
+            raise InputError(
+                f"robot '{robot.name}' (kind {robot.kind}) cannot have every fault that is hidden: {hidden.name}",
+                remedy="use a robot whose motors turn arms, such as models/delta.toml",
+            ) from None
 
 
 def _drawn(robot: Robot, n: int, seed: int, workers: int) -> Iterator[Blind]:

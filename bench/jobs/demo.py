@@ -204,25 +204,21 @@ def write(demo: Demo, folder: Path) -> dict[str, Path]:
     """
     from bench.jobs import demo_report
     from pcalib import view
-    from pcalib.errors import InputError
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        problem = f"cannot make this folder: {error.strerror}"
-        raise InputError(problem, file=folder, remedy="choose another with -o") from None
-    out = {"data": folder / "data.csv"}
-    measurement.save(out["data"], demo.data)
-    out["truth"] = simulate.truth_path(out["data"])
-    files.write_text(out["truth"], truths.dumps(demo.truth, {"job": "demo", "seed": demo.settings.seed}))
-    for step in demo.ladder.steps:
-        if step.fit is not None:
-            out[step.name] = folder / f"{step.name}.toml"
-            modelfile.save(out[step.name], step.model, summary.statistics(step.fit))
-    out["recording"], out["report"] = folder / "demo.rrd", folder / "report.html"
-    view.write(out["recording"], demo.ladder, identity=f"demo of {demo.truth.robot.name}, seed {demo.settings.seed}")
-    demo_report.write(out["report"], demo)
-    return out
+    name, seed = demo.truth.robot.name, demo.settings.seed
+    with files.atomic_folder(folder) as fresh:
+        out = {"data": fresh / "data.csv"}
+        measurement.save(out["data"], demo.data)
+        out["truth"] = simulate.truth_path(out["data"])
+        files.write_text(out["truth"], truths.dumps(demo.truth, {"job": "demo", "seed": seed}))
+        for step in demo.ladder.steps:
+            if step.fit is not None:
+                out[step.name] = fresh / f"{step.name}.toml"
+                modelfile.save(out[step.name], step.model, summary.statistics(step.fit))
+        out["recording"], out["report"] = fresh / "demo.rrd", fresh / "report.html"
+        view.write(out["recording"], demo.ladder, identity=f"demo of {name}, seed {seed}")
+        demo_report.write(out["report"], demo)
+    return {key: folder / path.name for key, path in out.items()}
 
 
 def show(demo: Demo, files: Mapping[str, Path], seconds: float) -> None:

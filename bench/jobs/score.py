@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bench.jobs import blind
-from bench.jobs.hidden.grading import Answer, Grade, Line, lines
+from bench.jobs.hidden.grading import WRITTEN_BY, Answer, Grade, Line, lines
 from pcalib import files
 from pcalib.errors import InputError
+
+SEALED_BY = "sealed truths are written by 'pcbench blind', and not meant to be changed"
 
 
 @dataclass(frozen=True)
@@ -71,33 +72,26 @@ def score(folder: Path) -> Score:
         raise InputError("holds no sealed truths", file=folder, remedy="name a folder that 'pcbench blind' made")
     names, grades, designs, missing = [], [], [], []
     for path in sealed:
-        truth = _read(path)
+        truth = files.parse_json(files.read_text(path), path, SEALED_BY)
         if truth.get("schema") != blind.SCHEMA:
-            raise InputError(f"schema is {truth.get('schema')!r}, not '{blind.SCHEMA}'", file=path)
+            raise InputError(f"schema is {truth.get('schema')!r}, not '{blind.SCHEMA}'", file=path, remedy=SEALED_BY)
         answer = folder / f"{path.stem}.diagnosis.json"
         if not answer.exists():
             missing.append(path.stem)
             continue
         try:
             facts = blind.facts_of(truth)
-        except (KeyError, TypeError) as error:
-            raise InputError(f"'{error.args[0]}' is missing or of the wrong kind", file=path) from None
+        except KeyError as error:
+            raise InputError(f"'{error.args[0]}' is missing", file=path, remedy=SEALED_BY) from None
+        except (TypeError, ValueError) as error:
+            raise InputError(f"a fact is of the wrong kind: {error}", file=path, remedy=SEALED_BY) from None
+        said = files.parse_json(files.read_text(answer), answer, WRITTEN_BY)
         names.append(path.stem)
         designs.append(str(truth.get("design", "")))
-        grades.append(Grade(facts, Answer.of_json(_read(answer), answer)))
+        grades.append(Grade(facts, Answer.of_json(said, answer)))
     if not grades:
         raise InputError(
             "holds no diagnosis of any data set", file=folder,
             remedy="write them with pcalib diagnose 001.csv --model 001.toml --json 001.diagnosis.json, and so on",
         )  # fmt: skip
     return Score(tuple(names), tuple(grades), tuple(designs), tuple(missing))
-
-
-def _read(path: Path) -> Any:
-    try:
-        content = json.loads(files.read_text(path))
-    except json.JSONDecodeError as error:
-        raise InputError(f"not valid JSON: {error.msg}", file=path, line=error.lineno) from None
-    if not isinstance(content, dict):
-        raise InputError("not a JSON object", file=path)
-    return content

@@ -166,12 +166,16 @@ def run(
     found, said = np.stack(attained), np.stack(status)
     if not (said == "ok").any():
         words = ", ".join(sorted(set(said.ravel().tolist())))
-        raise ReachError(f"no target was reached ({words}): check targets and tool against the robot file")
+        raise ReachError(
+            f"no target was reached ({words})\n"
+            "  check targets and tool against the robot file, and the parameters of the model"
+        )
     loose = [c for c in range(3) if c not in truth.robot.mechanism.task]
     found[..., loose] = np.where(np.isnan(found[..., loose]), np.nan, task.position[:, loose])
     if aligned:
         if (said == "ok").any(axis=0).sum() < 3:
-            raise ReachError("fewer than three targets were reached: no rigid motion can be taken out")
+            problem = "fewer than three targets were reached: no rigid motion can be taken out"
+            raise ReachError(f"{problem}\n  give targets within reach, or leave out --align")
         found = iso9283.align(found, task.position)
     return Verification(task, found, said, iso9283.accuracy(found, task.position), cycles, alike)
 

@@ -9,12 +9,9 @@ pcalib add worm_gear.py:WormGear data.csv --model m.toml
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli.frame import JsonOption, write_json
+from pcalib.cli.frame import JsonOption, OutputOption, write_json
 
 
 def command(
@@ -23,7 +20,7 @@ def command(
     /,
     *,
     model: ModelOption,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: OutputOption = None,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:

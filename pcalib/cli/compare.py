@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli.frame import JsonOption, say, show_table, write_json
+from pcalib.cli.frame import BesideOption, JsonOption, say, show_table, write_json
 
 if TYPE_CHECKING:
     from pcalib.identification import Accuracy
@@ -21,8 +21,8 @@ def command(
     /,
     *,
     model: ModelOption,
-    report: Path | None = None,
-    rrd: Path | None = None,
+    report: BesideOption = None,
+    rrd: BesideOption = None,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption, quantity, say, write_json
+from pcalib.cli.frame import JsonOption, RequiredOutput, quantity, say, write_json
 
 
 def command(
@@ -20,7 +19,7 @@ def command(
     /,
     *,
     model: Path,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    output: RequiredOutput,
     tool: Annotated[np.ndarray | None, quantity("length", 3)] = None,
     method: str = "exact",
     effect_file: tuple[str, ...] = (),
@@ -41,23 +40,21 @@ def command(
         effect_file: file.py:Class of an effect of your own that the model uses and that may be loaded.
     """
     from pcalib import compensation, effects, modelfile
-    from pcalib.errors import EffectError, InputError
+    from pcalib.cli._tools import require_tool
+    from pcalib.errors import InputError
     from pcalib.prediction import Conditions
     from pcalib.targets import load_targets, save_commands
 
     calibrated = modelfile.load(model, effect_file)
+    if tool is not None:
+        require_tool(calibrated.robot, tool, "--tool")
     wanted = load_targets(targets, calibrated.robot)
     if wanted.tool is not None and tool is not None:
         raise InputError("the targets have tool columns and --tool is given too", file=targets, remedy="keep one")
     points = wanted.tool if wanted.tool is not None else np.zeros(3) if tool is None else tool
     conditions = Conditions(np.broadcast_to(points, wanted.position.shape), wanted.payload, wanted.columns)
     for fitted in calibrated.effects:
-        lacking = effects.missing(fitted.effect, wanted.columns)
-        if lacking:
-            raise EffectError(
-                f"{targets}: the model's effect {fitted.effect.name} needs columns: {', '.join(lacking)}\n"
-                "  add them to the target file"
-            )
+        effects.require(fitted.effect, wanted.columns, targets)
     turned = wanted.rotation if {3, 4, 5} & set(calibrated.robot.mechanism.task) else None
     found = compensation.compensate(
         calibrated, wanted.position, rotation_matrix=turned, conditions=conditions, method=method

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli.frame import JsonOption, say, show_table, write_json
+from pcalib.cli.frame import BesideOption, JsonOption, SeedOption, say, show_table, write_json
 
 if TYPE_CHECKING:
     from pcalib.diagnosis.diagnose import Diagnosis
@@ -24,8 +24,8 @@ def command(
     model: ModelOption,
     most: int = 2,
     effect_file: EffectFiles = (),
-    report: Path | None = None,
-    seed: int = 0,
+    report: BesideOption = None,
+    seed: SeedOption = 0,
     json: JsonOption = None,
 ) -> int | None:
     """Which physical effect is missing from a model, as far as the data can tell.
@@ -46,7 +46,7 @@ def command(
     from pcalib.errors import InputError
 
     if not 1 <= most <= 3:
-        raise InputError(f"--most {most}: 1, 2 or 3 effects in one explanation")
+        raise InputError(f"--most {most} effects in one explanation are not searched", remedy="choose 1, 2 or 3")
     calibrated, measured, own = read(model, data, effect_file)
     found = diagnose(calibrated, measured, own, largest=most, seed=seed)
     write_json(json, results.diagnosis_json(found))

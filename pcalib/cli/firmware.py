@@ -7,11 +7,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from pcalib.cli.frame import JsonOption, say, write_json
+from pcalib.cli.frame import JsonOption, OutputOption, say, write_json
 
 DIALECTS = ("klipper", "rrf")
 
@@ -21,7 +18,7 @@ def command(
     /,
     *,
     dialect: str | None = None,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: OutputOption = None,
     json: JsonOption = None,
 ) -> int | None:
     """Configuration values of a calibrated linear-Delta printer, for Klipper or RepRapFirmware.

@@ -14,12 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption, progress, quantity, say, show_table, write_json
+from pcalib.cli.frame import JsonOption, OutputOption, progress, quantity, say, show_table, write_json
 
 if TYPE_CHECKING:
     from pcalib.identification import Fit
+    from pcalib.measurement import Measurements
+    from pcalib.model import FittedEffect
+    from pcalib.robot import Robot
 
 
 def command(
@@ -27,7 +29,7 @@ def command(
     /,
     *,
     robot: Path,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: OutputOption = None,
     level: str = "complete",
     effect: tuple[str, ...] = (),
     method: str = "map",
@@ -42,7 +44,7 @@ def command(
     """Identify a robot's geometry, and effects named, from measured poses.
 
     Rows with set = check are held out: they are predicted, never fitted. A fit that did not converge, or that the
-    data cannot support, is refused (exit code 2).
+    data cannot support, is refused (exit code 2): no model is written, and the JSON says why.
 
     Args:
         data: Measurement file, CSV or Parquet.
@@ -65,37 +67,35 @@ def command(
 
     described = robots.load(robot)
     measured = measurement.load(data, described)
-    prior = {}
-    if length_tolerance is not None:
-        prior["m"] = float(length_tolerance[0])
-    if angle_tolerance is not None:
-        prior["rad"] = float(angle_tolerance[0])
+    if folds:
+        crossvalidation.require_folds(measured, folds)
     start = Model.nominal(described)
     options: dict[str, Any] = {
-        "effects": [start_effect(spec, described, measured.columns) for spec in effect],
+        "effects": _effects(effect, measured, described),
         "method": method,
         "loss": loss,
         "fixed": [name.strip() for names in fix for name in names.split(",")],
-        "bounds": dict(_bound(text) for text in bound),
-        "prior": prior,
+        "bounds": dict(_bound(text, described, level) for text in bound),
+        "prior": _tolerances(length_tolerance, angle_tolerance),
     }
     found = identification.fit(measured, start, level, **options)
     content = summary.fit_json(found)
-    doubts = trust.doubts(found, measured) if found.status == "converged" else []
-    content["doubts"] = trust.json(doubts)
-    shares = visibility.visibility(found.model, measured) if found.status == "converged" else {}
-    content["kappa"] = shares
+    if found.status != "converged":
+        write_json(json, content)
+    calibrated = found.model  # or the reason why there is none
+    doubts = trust.doubts(found, measured)
+    shares = visibility.visibility(calibrated, measured)
+    content |= {"doubts": trust.json(doubts), "kappa": shares}
     write_json(json, content)
-    if output is not None and found.status == "converged":  # before anything is printed: a closed pipe loses no model
+    if output is not None:  # before anything is printed: a closed pipe loses no model
         figures = summary.statistics(found)
-        entry = modelfile.snapshot(found.model, "fit", data=data.name, **figures)
-        modelfile.save(output, replace(found.model, history=(entry,)), figures)
+        entry = modelfile.snapshot(calibrated, "fit", data=data.name, **figures)
+        modelfile.save(output, replace(calibrated, history=(entry,)), figures)
     show(found)
     for doubt in doubts:
         say(f"- {doubt.sentence()}")
     if shares:
         say(f"- {visibility.sentence(shares)}")
-    found.model  # noqa: B018 — refuses with the reason
     if folds:
         with progress("cross-validating", folds) as advance:
             held = crossvalidation.cross_validate(measured, start, level, folds, tick=advance, **options)
@@ -108,30 +108,59 @@ def command(
     return None
 
 
-def start_effect(spec: str, robot, columns):
+def _tolerances(length: np.ndarray | None, angle: np.ndarray | None) -> dict[str, float]:
+    """1σ manufacturing priors by unit."""
+    from pcalib.errors import InputError
+
+    out = {}
+    for unit, option, value in (("m", "--length-tolerance", length), ("rad", "--angle-tolerance", angle)):
+        if value is not None:
+            if not value[0] > 0:
+                remedy = "to hold parameters at nominal, use --fix or another --level"
+                raise InputError(f"{option} must be more than 0", remedy=remedy)
+            out[unit] = float(value[0])
+    return out
+
+
+def _effects(specs: tuple[str, ...], measured: Measurements, robot: Robot) -> list[FittedEffect]:
+    """Effects named on the command line, each once."""
+    from pcalib.errors import InputError
+
+    out = [start_effect(spec, robot, measured) for spec in specs]
+    names = [fitted.effect.name for fitted in out]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"--effect {name} is given twice", remedy="name one of its variants")
+    return out
+
+
+def start_effect(spec: str, robot: Robot, measured: Measurements) -> FittedEffect:
     """An effect named on the command line, at zero, checked against the data's columns."""
     from pcalib import effects
-    from pcalib.errors import EffectError
     from pcalib.model import FittedEffect
 
     effect = effects.parse(spec, robot)
-    lacking = effects.missing(effect, columns)
-    if lacking:
-        raise EffectError(f"effect {effect.name} needs columns that the data do not have: {', '.join(lacking)}")
+    effects.require(effect, measured.columns, measured.source)
     return FittedEffect(effect, np.zeros(len(effect.parameters)), spec)
 
 
-def _bound(text: str) -> tuple[str, tuple[float, float]]:
+def _bound(text: str, robot: Robot, level: str) -> tuple[str, tuple[float, float]]:
     from pcalib import units
-    from pcalib.errors import InputError
+    from pcalib.errors import InputError, unknown
 
     name, equals, values = text.partition("=")
     if not equals:
         raise InputError(f"--bound '{text}': write NAME=LOW,HIGHunit", remedy="for example l11=-0.5,0.5mm")
-    unit = next((u for s, u in sorted(units.UNITS.items(), key=lambda x: -len(x[0])) if values.endswith(s)), None)
-    low_high = units.parse_quantity(values, unit.dimension if unit else "length", option=f"--bound {name}")
-    if len(low_high) != 2 or not low_high[0] <= low_high[1]:
-        raise InputError(f"--bound '{text}': two numbers are needed, low before high")
+    levels = robot.mechanism.levels
+    if level not in levels:
+        raise InputError(unknown("level", level, levels))
+    chosen = levels[level]
+    if name not in chosen.columns:
+        raise InputError(unknown(f"parameter of level {level}", name, chosen.columns))
+    dimension = {"m": "length", "rad": "angle", "1": "ratio"}[chosen.units[chosen.columns.index(name)]]
+    low_high = units.parse_quantity(values, dimension, option=f"--bound {name}")
+    if len(low_high) != 2 or not low_high[0] < low_high[1]:
+        raise InputError(f"--bound '{text}': two numbers are needed, low before high", remedy="e.g. l11=-0.5,0.5mm")
     return name, (float(low_high[0]), float(low_high[1]))
 
 

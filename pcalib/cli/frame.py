@@ -34,11 +34,13 @@ import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnusedCliTokensError
+from cyclopts.validators import Number
 
 from pcalib.errors import PcalibError, unknown
 
@@ -48,7 +50,51 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 OK, NOT_HELD, BAD_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 """Exit codes: fine; a check that was asked for did not hold; bad input or usage; Ctrl-C; the reader went away."""
 
-JsonOption = Annotated[Path | None, Parameter(name="--json", help="Also write the result to this file, as JSON.")]
+
+OUTPUTS = ("output", "robot_output", "json", "report", "rrd", "plot", "save")
+"""How parameters for files to write are called."""
+REWRITE = ("add", "drop", "log")
+"""Commands that may write the model they read anew: it keeps every step."""
+
+
+def keep_inputs(rewrites: bool, **given: Any) -> None:
+    """Refuse an output that would take the place of a file the command reads, or of another output."""
+    from pcalib.errors import InputError
+
+    taken = [(name, Path(p)) for name, value in given.items() for p in (value if isinstance(value, tuple) else (value,))
+             if isinstance(p, Path) or (name == "plan" and isinstance(p, str))]  # fmt: skip
+    for name, path in taken:
+        for other, file in taken:
+            if name not in OUTPUTS or name == other or (rewrites and (name, other) == ("output", "model")):
+                continue
+            if path == file or (path.exists() and file.exists() and path.samefile(file)):
+                what = "is named for two results" if other in OUTPUTS else "this file is read, and would be overwritten"
+                raise InputError(what, file=path, remedy="write to another file")
+
+
+def place(_: Any, path: Path | None) -> None:
+    """Refuse before long work, not after it, a file that cannot be written."""
+    from pcalib import files
+
+    files.check_places(path)
+
+
+def folder_place(_: Any, path: Path | None) -> None:
+    """The same for a folder of results."""
+    from pcalib import files
+
+    files.check_folder(path)
+
+
+JsonOption = Annotated[
+    Path | None, Parameter(name="--json", validator=place, help="Also write the result to this file, as JSON.")
+]
+OutputOption = Annotated[Path | None, Parameter(name=["--output", "-o"], validator=place)]
+RequiredOutput = Annotated[Path, Parameter(name=["--output", "-o"], validator=place)]
+OutputFolder = Annotated[Path, Parameter(name=["--output", "-o"], validator=folder_place)]
+SeedOption = Annotated[int, Parameter(validator=Number(gte=0))]
+BesideOption = Annotated[Path | None, Parameter(validator=place)]
+"""A file that is written beside what a command prints."""
 
 PROGRESS_AFTER = 2.0
 """[s] work that takes longer shows a progress bar, on a terminal."""
@@ -71,7 +117,10 @@ def app(name: str, package: str, path: Iterable[str], description: str) -> App:
         if module.startswith("_") or module == "frame":
             continue
         text, examples = _help(files[module])
-        program.command(f"{package}.{module}:command", name=module.replace("_", "-"), help=text, help_epilogue=examples)
+        program.command(
+            f"{package}.{module}:command", name=module.replace("_", "-"), help=text, help_epilogue=examples,
+            validator=partial(keep_inputs, module in REWRITE),
+        )  # fmt: skip
     return program
 
 

@@ -8,11 +8,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from pcalib.cli.frame import JsonOption, say, show_table, write_json
+from pcalib.cli.frame import BesideOption, JsonOption, OutputOption, say, show_table, write_json
 
 
 def command(
@@ -20,8 +17,8 @@ def command(
     file: Path | None = None,
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    robot_output: Path | None = None,
+    output: OutputOption = None,
+    robot_output: BesideOption = None,
     set: tuple[str, ...] = (),
     json: JsonOption = None,
 ) -> int | None:
@@ -53,8 +50,9 @@ def command(
     if output is None or robot_output is None:
         raise InputError("two files are written: the measurements and the robot", remedy="give -o and --robot-output")
     found = importers.run(form, file, set)
-    measurement.save(output, found.data)
-    files.write_text(robot_output, found.robot.text)
+    with files.atomic(robot_output) as fresh:  # both or neither
+        fresh.write_text(found.robot.text, encoding="utf-8")
+        measurement.save(output, found.data)
     say(f"{len(found.data)} rows written to {output}, the robot to {robot_output}.")
     for note in found.notes:
         say(f"- {note}")

@@ -39,9 +39,10 @@ def command(data: Path, /, *, robot: Path | None = None, json: JsonOption = None
         ],
     )
     for finding in result.findings:
-        frame.say(f"- {finding.level}: {finding.message}")
+        frame.say(f"- {finding.level}: {finding.message} {finding.remedy}".rstrip())
     if result.errors:
-        return frame.fail(f"{data}: {result.errors[0].message}")
+        first = result.errors[0]
+        return frame.fail(f"{data}: {first.message}\n  {first.remedy}")
     return frame.OK
 
 

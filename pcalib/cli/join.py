@@ -6,14 +6,11 @@ pcalib join data.csv more.csv -o all.csv
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from pcalib.cli.frame import say
+from pcalib.cli.frame import RequiredOutput, say
 
 
-def command(*data: Path, output: Annotated[Path, Parameter(name=["--output", "-o"])]) -> int | None:
+def command(*data: Path, output: RequiredOutput) -> int | None:
     """Join measurement files: what was measured first, and what a plan asked for later.
 
     Args:

@@ -8,12 +8,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles
-from pcalib.cli.frame import JsonOption, say, show_table, write_json
+from pcalib.cli.frame import JsonOption, OutputOption, say, show_table, write_json
 
 
 def command(
@@ -21,7 +18,7 @@ def command(
     /,
     *,
     back_to: int | None = None,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: OutputOption = None,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:
@@ -51,6 +48,13 @@ def command(
         }
         for i, entry in enumerate(history)
     ]
+    if back_to is None and output is not None:
+        raise InputError("-o is for the model of a step", file=output, remedy="name the step with --back-to")
+    if back_to is not None and not 1 <= back_to <= len(history):
+        raise InputError(
+            f"--back-to {back_to}: the model has steps 1 to {len(history)}", file=model,
+            remedy=f"'pcalib log {model}' lists them",
+        )  # fmt: skip
     write_json(json, {"schema": "pcalib.log/1", "model": model, "steps": rows})
     if back_to is None:
         say(f"{len(rows)} step{'s' * (len(rows) != 1)} led to {model}.")
@@ -66,8 +70,6 @@ def command(
             ],
         )  # fmt: skip
         return None
-    if not 1 <= back_to <= len(history):
-        raise InputError(f"--back-to {back_to}: the model has steps 1 to {len(history)}", file=model)
     restored = modelfile.restore(calibrated, history[back_to - 1], effect_file)
     entry = modelfile.snapshot(restored, "back", effect=f"to step {back_to}")
     target = output or model

@@ -6,6 +6,7 @@ pcalib next data.csv --model m.toml --between backlash,nothing --payload 0kg --p
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +14,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli.frame import JsonOption, say, show_table, write_json
+from pcalib.cli._tools import ToolsOption, tool_options
+from pcalib.cli.frame import JsonOption, OutputOption, SeedOption, say, show_table, write_json
 
 
 def command(
@@ -23,11 +25,11 @@ def command(
     model: ModelOption,
     between: str,
     n: Annotated[int, Parameter(name=["--rows", "-n"])] = 6,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    payload: tuple[str, ...] = (),
-    tool: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = (),
+    output: OutputOption = None,
+    payload: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = (),
+    tool: ToolsOption = (),
     effect_file: EffectFiles = (),
-    seed: int = 0,
+    seed: SeedOption = 0,
     json: JsonOption = None,
 ) -> int | None:
     """What to measure next, to tell rival explanations apart.
@@ -55,29 +57,29 @@ def command(
     calibrated, measured, own = read(model, data, (*effect_file, *files))
     known = {e.name: e for e in own} | {getattr(e, "spec", e.name): e for e in own}
     if len(sides) != 2:
-        raise InputError(f"--between '{between}': name two explanations, separated by a comma")
+        raise InputError(
+            f"--between '{between}': name two explanations, separated by a comma",
+            remedy="e.g. drive_compliance,encoder_eccentricity, or backlash,nothing",
+        )
     rivals = [
         [known.get(name) or effects.parse(name, calibrated.robot) for name in side.split("+") if name != "nothing"]
         for side in sides
     ]
-    tools = np.array([units.parse_quantity(t, "length", option="--tool") for t in tool]) if tool else None
-    if tools is not None and tools.shape[1:] != (3,):
-        raise InputError("--tool needs three numbers, e.g. 0,0,-300mm")
-    options = discriminate.Options(
-        payloads=[float(units.parse_quantity(p, "mass", option="--payload")[0]) for p in payload] or None,
-        tools=tools,
-        seed=seed,
-    )
+    tools = tool_options(tool, calibrated.robot)
+    payloads = [float(units.parse_quantity(p, "mass", option="--payload")[0]) for p in payload]
+    if min(payloads, default=0.0) < 0:
+        raise InputError("--payload: a payload cannot be negative", remedy="write e.g. 2kg")
+    options = discriminate.Options(payloads=payloads or None, tools=np.array(tools) if tools else None, seed=seed)
     found = discriminate.plan(problem(calibrated, measured, own), rivals, n, options)
     say(found.sentence())
     columns = discriminate.table(calibrated.robot, found)
+    shown, alike = _grouped(columns)
     show_table(
-        ("row", *columns, "s so far"),
-        [
-            (i + 1, *(f"{values[i]:.4g}" for values in columns.values()), f"{found.after[i]:.1f}")
-            for i in range(len(found.q))
-        ],
+        ("row", *shown, "s so far"),
+        [(i + 1, *(cells[i] for cells in shown.values()), f"{after:.1f}") for i, after in enumerate(found.after)],
     )
+    if alike:
+        say(f"The same in all rows: {', '.join(alike)}.")
     write_json(
         json,
         {
@@ -91,3 +93,31 @@ def command(
         table.write(output, columns, {"robot": calibrated.robot.name})
         say(f"{len(found.q)} rows written to {output}.")
     return None
+
+
+def _grouped(columns: Mapping[str, np.ndarray]) -> tuple[dict[str, list[str]], list[str]]:
+    """The columns of a plan as a screen has room for them: related ones together, and those that are alike in all rows
+    apart."""
+    groups = {
+        "tool mm": [c for c in columns if c.startswith("tool_")],
+        "arms, rods, base °C": [c for c in columns if c.startswith("temp_") and c != "temp_degC"],
+        "directions": [c for c in columns if c.startswith("dir")],
+        "expected at mm": [c for c in columns if c.startswith("expected_")],
+    }
+    together = {c: (title, group) for title, group in groups.items() for c in group}
+    shown: dict[str, list[str]] = {}
+    alike = []
+    for name in columns:
+        title, group = together.get(name, (name.replace("_", " "), [name]))
+        if name != group[0]:
+            continue
+
+        def cell(value: float, title: str = title, alone: bool = len(group) == 1) -> str:
+            return "−0+"[int(value) + 1] if title == "directions" else f"{value:.4g}" if alone else f"{value:.0f}"
+
+        cells = [" ".join(map(cell, row)) for row in zip(*(columns[c] for c in group), strict=True)]
+        if len(set(cells)) == 1 and len(cells) > 1:
+            alike.append(f"{title} {cells[0]}")
+        else:
+            shown[title] = cells
+    return shown, alike

@@ -12,20 +12,21 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption, progress, quantity, say, write_json
+from pcalib.cli._tools import ToolsOption, tool_options
+from pcalib.cli.frame import JsonOption, RequiredOutput, SeedOption, progress, quantity, say, write_json
 
 
 def command(
     *,
     robot: Path,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    output: RequiredOutput,
     n: Annotated[int, Parameter(name=["--poses", "-n"])] = 40,
-    tool: tuple[str, ...] = (),
+    tool: ToolsOption = (),
     sigma_pos: Annotated[np.ndarray | None, quantity("length")] = None,
     sigma_rot: Annotated[np.ndarray | None, quantity("angle")] = None,
     position_only: bool = False,
     level: str = "complete",
-    seed: int = 0,
+    seed: SeedOption = 0,
     json: JsonOption = None,
 ) -> int | None:
     """The poses to measure: D-optimal commands for a robot and an instrument.
@@ -49,14 +50,15 @@ def command(
     from pcalib.errors import InputError, unknown
 
     if n < 1:
-        raise InputError(f"--poses {n}: at least 1")
+        raise InputError(f"--poses {n} make no plan", remedy="ask for one at least")
     described = robots.load(robot)
     mechanism = described.mechanism
     if level not in mechanism.levels:
         raise InputError(unknown("level", level, mechanism.levels))
-    tools = np.array([units.parse_quantity(t, "length", option="--tool") for t in tool]) if tool else None
-    if tools is not None and tools.shape[1:] != (3,):
-        raise InputError("--tool needs three numbers, e.g. 0,0,-300mm")
+    tools = np.array(tool_options(tool, described)) if tool else None
+    for option, value in (("--sigma-pos", sigma_pos), ("--sigma-rot", sigma_rot)):
+        if value is not None and not value[0] > 0:
+            raise InputError(f"{option} must be more than 0", remedy="say how well the instrument measures, 1σ")
     with progress("choosing poses", 100) as advance:
         done = 0
 
@@ -76,6 +78,10 @@ def command(
     columns |= {f"tool_{axis}_mm": t[:, i] * 1e3 for i, axis in enumerate("xyz") if tools is not None}
     columns |= {f"nominal_{axis}_mm": point[:, i] * 1e3 for i, axis in enumerate("xyz")}
     table.write(output, columns, {"robot": described.name})
+    readings = n * (len(mechanism.plate_dofs) if not position_only else sum(c < 3 for c in mechanism.plate_dofs))
     say(f"{n} poses written to {output}.")
+    unknowns = len(mechanism.levels[level].columns)
+    if readings <= unknowns:
+        say(f"- Their {readings} readings are few for the {unknowns} parameters of level {level}.")
     write_json(json, {"schema": "pcalib.plan/1", "poses": n, "level": level, "q_si": q, "tool_m": t})
     return None

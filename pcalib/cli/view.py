@@ -14,7 +14,7 @@ from typing import Annotated
 import numpy as np
 
 from pcalib.cli._tools import ToolsOption, tool_options
-from pcalib.cli.frame import quantity
+from pcalib.cli.frame import BesideOption, quantity
 
 
 def command(
@@ -23,7 +23,7 @@ def command(
     *,
     tool: ToolsOption = (),
     payload: Annotated[np.ndarray | None, quantity("mass")] = None,
-    save: Path | None = None,
+    save: BesideOption = None,
     browser: bool = False,
     effect_file: tuple[str, ...] = (),
 ) -> int | None:
@@ -61,8 +61,10 @@ def command(
         frame.say(f"Recording copied to {save}.")
         return None
 
-    tools = tool_options(tool)
     model = modelfile.load(run, effect_file)
+    tools = tool_options(tool, model.robot)
+    if payload is not None and payload[0] < 0:
+        raise InputError("--payload: a payload cannot be negative", remedy="write e.g. 2kg")
     what = predicted(model, tools, 0.0 if payload is None else float(payload[0]), effect_file)
     if save is not None:
         view.write(save, what, model=model, identity=run.stem)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import effects, linearisation, prediction
+from pcalib import effects, linearisation, prediction, units
 from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.problem import Problem
 from pcalib.effects.base import Effect
@@ -100,9 +100,11 @@ def plan(made: Problem, rivals: Sequence[Sequence[Effect]], n: int, options: Opt
     options = options or Options()
     names = ["+".join(e.name for e in rival) or "nothing" for rival in rivals]
     if len(rivals) != 2 or names[0] == names[1]:
-        raise InputError("--between takes two different explanations, e.g. drive_compliance,encoder_eccentricity")
-    if n < 1:
-        raise InputError(f"-n {n}: at least 1 row")
+        raise InputError(
+            "--between takes two different explanations", remedy="e.g. drive_compliance,encoder_eccentricity"
+        )
+    if not 1 <= n <= options.candidates:
+        raise InputError(f"-n {n} rows make no plan", remedy=f"ask for at least 1, at most {options.candidates}")
     rng = np.random.default_rng(options.seed)
     unknowns = unknowns_of(made.model, made.model.level, made.model.effects, made.data.frame == "tracker")
     measure = _Instrument.of(made)
@@ -292,14 +294,17 @@ def _neutral(conditions: Conditions, needs: set[str]) -> Conditions:
         elif name == "time" or name.startswith("dir"):
             columns[name] = np.zeros(len(conditions.payload))
         else:
-            raise EffectError(f"a plan for these rivals needs column '{name}', which the data do not have")
+            raise EffectError(
+                f"a plan for these rivals needs column '{name}', which the data do not have\n"
+                "  add it to the file, with a value in every row"
+            )
     return replace(conditions, columns=columns)
 
 
 def table(robot: Robot, found: Plan) -> dict[str, np.ndarray]:
     """The columns of a plan as a file names them, with the place where the model expects the measured point."""
     mechanism = robot.mechanism
-    suffix, factor = ("deg", np.pi / 180) if mechanism.actuator_dimension == "angle" else ("mm", 1e-3)
+    suffix, factor = robot.command_unit, units.UNITS[robot.command_unit].factor
     columns = {f"{name}_{suffix}": found.q[:, i] / factor for i, name in enumerate(mechanism.actuators)}
     tool, payload = found.conditions.tool, found.conditions.payload
     if tool.any():

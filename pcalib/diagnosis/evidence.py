@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcalib import identification
+from pcalib import effects, identification
 from pcalib.diagnosis import adequacy
-from pcalib.diagnosis.candidates import Candidate
+from pcalib.diagnosis.candidates import Candidate, richer_levels
 from pcalib.diagnosis.compare import noise_of
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible, with_effects
 from pcalib.diagnosis.screen import Screen
@@ -88,7 +88,7 @@ def evidence(model: Model, data: Measurements, spec: str, own: Sequence[Effect] 
         EffectError: no such candidate on these data; the message says why.
     """
     found = diagnose(model, data, own)
-    finding = _finding(found, spec)
+    finding = _finding(found, spec, own)
     made, g = found.problem, found.problem.candidates.index(finding.candidate)
     screen = made.screen()
     null = adequacy.null_distribution(screen, (g,))
@@ -117,7 +117,15 @@ def evidence(model: Model, data: Measurements, spec: str, own: Sequence[Effect] 
     )
 
 
-def _finding(found: Diagnosis, spec: str) -> Finding:
+def _finding(found: Diagnosis, spec: str, own: Sequence[Effect]) -> Finding:
+    model = found.problem.model
+    spec = {getattr(e, "spec", ""): e.name for e in own}.get(spec, spec)
+    if spec in {f.effect.name for f in model.effects}:
+        remedy = f"'pcalib drop {spec} …' shows what it is needed for"
+        raise EffectError(f"effect {spec} is in the model already\n  {remedy}")
+    if spec in model.robot.mechanism.levels and spec not in richer_levels(model):
+        richer = ", ".join(richer_levels(model)) or "no level is"
+        raise EffectError(f"level {spec} is no extension of the model's level {model.level}\n  richer: {richer}")
     for finding in found.findings:
         if finding.candidate.spec == spec:
             return finding
@@ -126,10 +134,9 @@ def _finding(found: Diagnosis, spec: str) -> Finding:
         return min(mine, key=lambda f: (f.p > 4 * mine[0].p, len(f.candidate.scale)))
     for missing in found.unavailable:
         if missing.name == spec.partition(":")[0].partition("@")[0]:
-            raise EffectError(f"effect {missing.name} cannot be judged on these data: {missing.why}")
-    present = {f.effect.name for f in found.problem.model.effects}
-    if spec.partition(":")[0] in present:
-        raise EffectError(f"effect {spec} is in the model already; 'pcalib drop {spec}' takes it out")
+            wants = effects.get(missing.name).wants if missing.name in effects.names() else ()
+            remedy = f"it is seen best with: {', '.join(wants)}" if wants else "measure under conditions that show it"
+            raise EffectError(f"effect {missing.name} cannot be judged on these data: {missing.why}\n  {remedy}")
     raise EffectError(unknown("candidate", spec, sorted({f.candidate.name for f in found.findings})))
 
 

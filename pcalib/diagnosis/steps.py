@@ -77,7 +77,8 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
     before = identification.fit(data, model, model.level, method=method)
     if spec in levels:
         if spec == model.level:
-            raise EffectError(f"the model is of level {spec} already")
+            remedy = "'pcalib diagnose' says what else may be missing"
+            raise EffectError(f"the model is of level {spec} already\n  {remedy}")
         if spec not in richer_levels(model):
             raise EffectError(
                 f"level {spec} is no extension of level {model.level}\n  "
@@ -89,9 +90,8 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
     effect = mine[0] if mine else _parsed(spec, model)
     present = {f.effect.name: f for f in model.effects}
     if effect.name in present and getattr(present[effect.name].effect, "spec", "") == getattr(effect, "spec", ""):
-        raise EffectError(f"effect {spec} is in the model already; 'pcalib drop {effect.name}' takes it out")
-    if lacking := effects.missing(effect, data.columns):
-        raise EffectError(f"effect {effect.name} needs columns that the data do not have: {', '.join(lacking)}")
+        raise EffectError(f"effect {spec} is in the model already\n  'pcalib drop {effect.name} …' takes it out")
+    effects.require(effect, data.columns, data.source)
     start = FittedEffect(effect, np.zeros(len(effect.parameters)), getattr(effect, "spec", spec))
     kept = tuple(f for f in before.model.effects if f.effect.name != effect.name)
     after = identification.fit(data, replace(before.model, effects=(*kept, start)), model.level, method=method)

@@ -9,6 +9,7 @@ import importlib
 import pkgutil
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
@@ -28,6 +29,7 @@ __all__ = [
     "missing",
     "names",
     "parse",
+    "require",
     "situation",
 ]
 
@@ -93,8 +95,11 @@ def parse(spec: str, robot: Robot | None = None) -> Effect:
     name, _, per = text.partition(":")
     try:
         turns = [int(n) for n in cycles.split("+")] if cycles else None
+        if turns is not None and min(turns) < 1:
+            raise ValueError
     except ValueError:
-        raise EffectError(f"'{spec}': '{cycles}' is not a list of cycles per turn, e.g. gear_ripple@24+48") from None
+        problem = f"'{spec}': '{cycles}' is not a list of cycles per turn"
+        raise EffectError(f"{problem}\n  write positive whole numbers, e.g. gear_ripple@24+48") from None
     return get(name, per or None, robot, turns)
 
 
@@ -106,6 +111,19 @@ def missing(effect: Effect, columns: Mapping[str, np.ndarray]) -> list[str]:
         if source not in columns or not np.isfinite(columns[source]).all():
             out.append(name)
     return out
+
+
+def require(effect: Effect, columns: Mapping[str, np.ndarray], source: str | Path) -> None:
+    """Refuse a file without the columns that an effect needs.
+
+    Raises:
+        EffectError: a column is absent, or has blanks.
+    """
+    if lacking := missing(effect, columns):
+        raise EffectError(
+            f"{source}: effect {effect.name} needs columns that the data do not have: {', '.join(lacking)}\n"
+            "  add them to the file, with a value in every row"
+        )
 
 
 def basis(effect: Effect, at: Situation, theta: np.ndarray | None = None) -> list[Contribution]:

@@ -45,7 +45,7 @@ def template(name: str) -> tuple[str, str, str]:
     """File name, class name and text of a new effect called `name` (snake_case or CamelCase)."""
     words = re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+(?![a-z])", name)
     if not words or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
-        raise EffectError(f"'{name}' cannot name an effect; use letters, digits and _, e.g. worm_gear")
+        raise EffectError(f"'{name}' cannot name an effect\n  use letters, digits and _, e.g. worm_gear")
     snake = "_".join(w.lower() for w in words)
     camel = "".join(w[0].upper() + w[1:] for w in words)
     title = " ".join(w.lower() for w in words).capitalize()
@@ -146,7 +146,7 @@ def load(spec: str, robot: Robot | None = None) -> UserEffect:
     """
     path, _, classname = spec.rpartition(":")
     if not path.endswith(".py"):
-        raise EffectError(f"'{spec}' does not name a class in a Python file; write file.py:ClassName")
+        raise EffectError(f"'{spec}' does not name a class in a Python file\n  write file.py:ClassName")
     try:
         files.read_text(path)
     except InputError as error:
@@ -185,8 +185,8 @@ def _call(file: Path, what: str, run: Callable[[], Any]) -> Any:
         with np.errstate(all="ignore"):  # what is not finite is reported with file and pose instead
             return run()
     except SyntaxError as error:
-        raise EffectError(f"{file}:{error.lineno}: {error.msg}: {(error.text or '').strip()}") from None
-    except Exception as error:
+        raise EffectError(f"{file}:{error.lineno}: {error.msg}\n  {(error.text or '').strip()}") from None
+    except (Exception, SystemExit) as error:  # a file that calls exit() must not look like a command that went well
         frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename).name == file.name]
         where = f"{file}:{frames[-1].lineno}" if frames else f"{file}"
         code = f"\n  {frames[-1].line}" if frames and frames[-1].line else ""

@@ -87,10 +87,10 @@ def run(name: str, path: str | Path, given: Iterable[str] = ()) -> Imported:
     values = {key: option.si for key, option in importer.options.items()}
     for text in given:
         key, equals, value = text.partition("=")
-        if not equals or key not in importer.options:
-            raise InputError(
-                unknown(f"setting of form {name}", key, importer.options), remedy=f"write name=value, not '{text}'"
-            )
+        if not equals:
+            raise InputError(f"--set '{text}' has no value", remedy="write name=value, e.g. rod=288mm")
+        if key not in importer.options:
+            raise InputError(unknown(f"setting of form {name}", key, importer.options))
         values[key] = _parsed(key, value, importer.options[key])
     return importer.read(Path(path), values)
 

@@ -59,6 +59,12 @@ def read(path: Path, settings: Mapping[str, np.ndarray]) -> Imported:
     rod, radius, endstop = (float(mm[name][0]) for name in ("rod", "radius", "endstop"))
     if not 0 < radius < rod:
         raise InputError(f"rods of {rod:.6g} mm cannot span a radius of {radius:.6g} mm", remedy="check rod and radius")
+    if (steps < 0).any():
+        row = int(np.argmax((steps < 0).any(axis=1)))
+        raise InputError(
+            "negative steps put a carriage beyond its endstop", file=path, line=int(lines[row]),
+            remedy="steps are counted downwards from the endstop",
+        )  # fmt: skip
     homed = endstop + np.sqrt(rod**2 - radius**2)
     q = homed - steps / float(settings["steps_per_mm"][0])
     if not (q > 0).all():

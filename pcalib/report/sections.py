@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -118,19 +118,33 @@ def _combined(fit: Fit) -> Table | None:
 
 
 def unidentifiable(fit: Fit) -> Section:
-    """What these data cannot tell, in words."""
-    sentences = fit.identifiability.sentences()
-    if not sentences:
+    """What these data cannot tell, and from what."""
+    rows = [
+        (name, _mix(main) + (f" and {rest} lesser terms" * (rest > 0)) if main else "nothing: it leaves no trace")
+        for name, (main, rest) in fit.identifiability.companions().items()
+    ]
+    if not rows:
         blocks: list[Block] = [Text("Nothing: every parameter of this level leaves a trace of its own.")]
     else:
         blocks = [
             Text(
-                "No measurement of this kind can separate the following; the manufacturing tolerances share the error "
-                "out between them. It does not matter for the TCP, as each mix moves it alike."
+                f"Measurements of this kind cannot separate {len(rows)} parameters from others: they move the plate "
+                "alike, and the manufacturing tolerances share the error out between them. For the TCP it does not "
+                "matter which of them is to blame. Factors are per m and rad."
             ),
-            Bullets(sentences),
+            Table(("parameter", "moves the plate as does"), rows, "<<", folded=f"All {len(rows)}"),
         ]
     return Section("What the data cannot tell", blocks)
+
+
+def _mix(terms: Mapping[str, float]) -> str:
+    """A sum as people write it: 0.5·a11.y − p1.z."""
+    parts = []
+    for name, value in terms.items():
+        factor = f"{abs(value):.2g}"
+        parts.append(("− " if value < 0 else "+ ") + (name if factor == "1" else f"{factor}·{name}"))
+    text = " ".join(parts).removeprefix("+ ")
+    return f"−{text[2:]}" if text.startswith("− ") else text
 
 
 def warnings(fits: Sequence[tuple[str, Fit]]) -> Section | None:

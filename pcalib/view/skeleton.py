@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcalib import kinematics
+from pcalib.errors import ReachError
 from pcalib.mechanism import Mechanism, Pose
 from pcalib.model import Model
 from pcalib.robot import Robot
@@ -72,13 +73,16 @@ def skeleton(model: Model, q: np.ndarray) -> Skeleton:
     """The robot of a model at actuator values q (nq,).
 
     Raises:
-        ValueError: the model's loops cannot be closed there.
+        ReachError: the model's loops cannot be closed there.
     """
     robot, mechanism, k = model.robot, model.robot.mechanism, model.k
     q = np.asarray(q, float)[None]
     found = kinematics.forward(mechanism, k, q)
     if not found.ok.all():
-        raise ValueError("the robot cannot stand at this command")
+        raise ReachError(
+            "the robot of this model cannot stand at this command: its loops do not close\n"
+            "  check the parameters in the model file, or write it anew with 'pcalib fit … -o'"
+        )
     at = kinematics.closure(mechanism, k, q, found.pose)
     A, B = at.side.A[0], (at.side.A + at.d)[0]
     guided = np.zeros(len(A), bool) if at.side.guide is None else ~np.isnan(at.side.guide[0, :, 0])

@@ -20,7 +20,10 @@ def recording_of(run: Path) -> Path:
     if run.is_file():
         with run.open("rb") as file:
             if not file.read(4).startswith(b"RRF"):
-                raise InputError("this is no recording (.rrd), and no model file (.toml) either", file=run)
+                raise InputError(
+                    "this is no recording (.rrd), and no model file (.toml) either", file=run,
+                    remedy="name what 'pcalib fit -o' or 'pcbench demo' wrote",
+                )  # fmt: skip
         return run
     if not run.exists():
         raise InputError("no such file or folder", file=run, remedy="check the path; 'pcbench demo' makes out/demo")

@@ -93,7 +93,7 @@ def test_a_robot_that_reaches_nothing_says_so():
     truth = truths.parse(TRUTH)
     plan = plans.make(truth.robot, "random", 4)
     plan.commands.q[:] = 2.0
-    message = "4 of 4 commands cannot be carried out .* go from -60 to 45 deg; .* or in another unit"
+    message = r"4 of 4 commands cannot be carried out .*\n  .* go from -60 to 45 deg; .* or in another unit"
     with pytest.raises(ReachError, match=message):
         simulate.run(truth, plan)
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from pcalib import identification, report
+from pcalib import identifiability, identification, report
 from pcalib.errors import InputError
 from pcalib.identification import Fit
 from pcalib.ladder import ErrorMap, Ladder, Step
@@ -108,7 +108,29 @@ def test_it_says_what_the_ladder_and_the_fit_say(full, ladder, fit):
     for value in [*ladder.rms.ravel(), *ladder.max.ravel(), fit.fit.rms_pos, fit.check.rms_pos]:
         assert size(value) in text
     assert all(name in text for name in fit.candidate.robot.mechanism.parameters)
-    assert all(sentence in text for sentence in fit.identifiability.sentences())
+
+
+def test_it_names_every_parameter_that_cannot_be_told_and_from_what(full, fit):
+    cannot = full[full.index("What the data cannot tell") :]
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.S) for row in re.findall(r"<tr[^>]*>(.*?)</tr>", cannot, re.S)]
+    rows = [[Elements(cell).words for cell in row] for row in rows if row]
+    dependent = fit.identifiability.dependent
+    assert [row[0] for row in rows] == list(dependent) and len(rows) == 18
+    for (name, said), mix in zip(rows, dependent.values(), strict=True):
+        main, rest = fit.identifiability.companions()[name]
+        assert set(re.findall(r"[a-z]+\d+(?:\.[xyz])?", said)) == set(main), said
+        assert len(main) + rest == len(mix) and (f"and {rest} lesser terms" in said) == (rest > 0)
+        for other, factor in main.items():
+            sign, shown = re.search(rf"([−+]?) ?([\d.e-]*)·?{re.escape(other)}", said).groups()
+            assert float(shown or 1) * (-1 if sign == "−" else 1) == pytest.approx(factor, rel=0.06), (name, said)
+
+
+def test_a_parameter_without_a_trace_is_said_to_have_none(delta, measure, perturb):
+    bare = identifiability.Identifiability(("a", "b"), np.zeros(2), np.zeros((2, 2)), np.arange(2), np.ones(2))
+    assert bare.companions() == {"a": ({}, 0), "b": ({}, 0)}
+    found = identification.fit(measure(Model(delta, perturb(4)), 50), delta)
+    text = Elements(report.html(Page("T", "V", [sections.unidentifiable(replace(found, identifiability=bare))]))).words
+    assert text.count("it leaves no trace") == 2
 
 
 def test_everything_is_escaped():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pcalib import robot as robots
+from pcalib.errors import ReachError
 from pcalib.model import Model
 from pcalib.view.skeleton import rest, skeleton
 
@@ -52,5 +53,5 @@ def test_rails_span_the_joint_range():
 
 def test_a_robot_that_cannot_be_assembled_is_refused(delta):
     short = delta.mechanism.vector({f"l{rod}": 0.1 for rod in delta.mechanism.rods})
-    with pytest.raises(ValueError, match="cannot stand"):
+    with pytest.raises(ReachError, match="cannot stand"):
         skeleton(Model(delta, short), rest(delta))

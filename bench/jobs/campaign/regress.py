@@ -203,14 +203,11 @@ def save(path: Path, campaign: Campaign, figures: Mapping[str, Figure], changes:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(files.read_text(path))
-        shapes = {"figures": dict, "history": list, "spec": dict}
-        if content["schema"] != SCHEMA or not all(isinstance(content[key], kind) for key, kind in shapes.items()):
-            raise ValueError
-    except (ValueError, KeyError, TypeError):
-        problem = "is no baseline of pcbench regress"
-        raise InputError(problem, file=path, remedy="name the file that --update wrote") from None
+    remedy = "name the file that --update wrote"
+    content = files.parse_json(files.read_text(path), path, remedy)
+    shapes = {"figures": dict, "history": list, "spec": dict}
+    if content.get("schema") != SCHEMA or not all(isinstance(content.get(key), kind) for key, kind in shapes.items()):
+        raise InputError("is no baseline of pcbench regress", file=path, remedy=remedy)
     return content
 
 

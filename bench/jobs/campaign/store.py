@@ -252,10 +252,7 @@ def _claim(campaign: Campaign, folder: Path) -> None:
         with _explained(folder):
             files.write_text(path, json.dumps(ours, indent=2, ensure_ascii=False) + "\n")
         return
-    try:
-        theirs = json.loads(files.read_text(path))
-    except json.JSONDecodeError:
-        raise InputError("not valid JSON", file=path, remedy="use another folder") from None
+    theirs = files.parse_json(files.read_text(path), path, "use another folder")
     for what, remedy in (
         ("spec", "use another folder for the changed spec, or the spec as it was to go on"),
         ("versions", "go on with the versions it was begun with, or use another folder"),

@@ -9,6 +9,7 @@ from typing import Any
 from pcalib.errors import InputError
 
 VERDICTS = ("nothing_missing", "established", "ambiguous", "unexplained")
+WRITTEN_BY = "write it with pcalib diagnose DATA.csv --model MODEL.toml --json FILE"
 CLEAR = 6.0
 """s from which on a single effect has to be found."""
 FAR = 8.0
@@ -57,7 +58,7 @@ class Answer:
         if schema != "pcalib.diagnosis/1":
             raise InputError(
                 f"schema is {schema!r}, not 'pcalib.diagnosis/1'", file=str(source),
-                remedy="write it with pcalib diagnose DATA.csv --model MODEL.toml --json FILE",
+                remedy=WRITTEN_BY,
             )  # fmt: skip
         try:
             answer = cls(
@@ -65,10 +66,14 @@ class Answer:
                 tuple(sorted(map(str, content["established"]))),
                 tuple(tuple(sorted(map(str, names))) for names in content["adequate"]),
             )
-        except (KeyError, TypeError) as error:
-            raise InputError(f"'{error.args[0]}' is missing or of the wrong kind", file=str(source)) from None
+        except KeyError as error:
+            raise InputError(f"'{error.args[0]}' is missing", file=str(source), remedy=WRITTEN_BY) from None
+        except TypeError:
+            problem = "'established' and 'adequate' are not the lists they should be"
+            raise InputError(problem, file=str(source), remedy=WRITTEN_BY) from None
         if answer.verdict not in VERDICTS:
-            raise InputError(f"verdict is '{answer.verdict}', not one of {', '.join(VERDICTS)}", file=str(source))
+            problem = f"verdict is '{answer.verdict}', not one of {', '.join(VERDICTS)}"
+            raise InputError(problem, file=str(source), remedy=WRITTEN_BY)
         return answer
 
 
