@@ -174,7 +174,8 @@ def fit(
 def _seen(linear: Linearisation, unknowns: Unknowns) -> Identifiability:
     """What the data say about the geometry, effects and frame being unknown too."""
     g = unknowns.n_geometry
-    return analyse(linear.geometry, unknowns.scale[:g], unknowns.names[:g], linear.nuisance)
+    rows = linear.triangle[:, :-1]
+    return analyse(rows[:, :g], unknowns.scale[:g], unknowns.names[:g], rows[:, g:])
 
 
 def _conclude(
@@ -194,16 +195,18 @@ def _conclude(
 
     fitted, held = ~data.check, data.check
     error, weight = np.empty((len(data), 6)), np.ones(len(data))
-    error[fitted] = residuals(state.model, data.take(fitted), state.linear.prediction)[0]
+    explained = _explained(data, unknowns)
+    every = explained is data  # readings that the level cannot explain have residuals all the same
+    error[fitted] = state.error if every else residuals(state.model, data.take(fitted), state.linear.prediction)[0]
     error[held] = residuals(state.model, data.take(held))[0] if held.any() else 0.0
     weight[fitted] = state.weight
     information = (ident.ratio * state.prior_scale) ** 2
     taken = float(np.sum(information / (1 + information))) if method == "map" else float(np.sum(chosen < g))
     taken += unknowns.n_effects + min(unknowns.n_frame, 6)
-    explained = _explained(data, unknowns).mask & ~np.isnan(error)
+    counted = explained.mask & ~np.isnan(error)
 
     def summary(rows: np.ndarray, parameters: float) -> Accuracy:
-        return accuracy(error[rows], data.sigma[rows], explained[rows], parameters)
+        return accuracy(error[rows], data.sigma[rows], counted[rows], parameters)
 
     return Fit(
         candidate=_with_sigma(state.model, unknowns, covariance),

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from pcalib import prediction, rotation
+from pcalib import least_squares, prediction, rotation
 from pcalib.errors import InputError
 from pcalib.measurement import Measurements
 from pcalib.model import Frame, Model
@@ -36,6 +37,11 @@ class Linearisation:
     def jacobian(self) -> np.ndarray:
         """(M, n) all columns side by side."""
         return np.concatenate([self.geometry, self.effects, self.frame], axis=1)
+
+    @cached_property
+    def triangle(self) -> np.ndarray:
+        """Triangular factor of [jacobian residual], at most (n + 1, n + 1): all that the M scalars say."""
+        return least_squares.triangle(self.jacobian, self.residual)
 
     @property
     def nuisance(self) -> np.ndarray:

@@ -82,7 +82,7 @@ def minimise(
     low, high = unknowns.lower[chosen] / scale, unknowns.upper[chosen] / scale
     rounding = float(np.sum((ROUNDING / data.sigma[data.mask]) ** 2))
     tau, width = prior_scale or 1.0, prior[effects]
-    damping, converged, count, idle, last = 0.0, False, 0, 0, np.inf
+    damping, converged, count, idle = 0.0, False, 0, 0
 
     def widened() -> np.ndarray:
         out = prior.copy()
@@ -99,47 +99,72 @@ def minimise(
         misfit = np.nansum(weight[:, None] * (at[0] / data.sigma) ** 2)
         return float(misfit + np.sum((u / widened())[held] ** 2))
 
-    u, weight = position(model), robust_weights(at[0], data, loss)
-    linear = linearise(model, data, unknowns, at)
-    while True:
-        root = np.sqrt(weight)[linear.row]
-        J = linear.jacobian[:, chosen] * (scale * root[:, None])
-        largest = float(np.max(np.sum(J * J, axis=0), initial=1.0))
-        step, R = least_squares.solve(J, root * linear.residual, -u, widened(), damping * largest)
-        if count >= max_iterations or not np.isfinite(step).all():
-            break
-        if unknowns.bounded:
-            step = least_squares.within(R, step, low - u, high - u)
+    def triangle() -> np.ndarray:
+        """All that the weighted rows say of the chosen unknowns, in units of their natural size."""
+        if loss == "linear":
+            whole = linear.triangle
+        else:
+            root = np.sqrt(weight)[linear.row]
+            whole = least_squares.triangle(linear.jacobian * root[:, None], linear.residual * root)
+        return whole[:, np.append(chosen, -1)] * np.append(scale, 1.0)
+
+    def clipped(step: np.ndarray, R: np.ndarray) -> np.ndarray:
+        return least_squares.within(R, step, low - u, high - u) if unknowns.bounded else step
+
+    def after(step: np.ndarray) -> tuple[Model, tuple[np.ndarray, Prediction]]:
         full = np.zeros(len(unknowns.names))
         full[chosen] = step * scale
-        trial = apply(model, unknowns, full)
-        tried = residuals(trial, data, at[1])
-        count += 1
-        if max_iterations > 1:
-            before, after = cost(u, at), cost(position(trial), tried)
-            if not after <= before + rounding + 2 * np.sqrt(before * rounding):
-                damping = max(100 * damping, _LEAST_DAMPING)
-                continue
-            idle = idle + 1 if before - after < NEGLIGIBLE * max(1.0, before / data.mask.sum()) else 0
-        model, at, u = trial, tried, position(trial)
-        # What is left to go shrinks as steps do: the next would be about (size/last)·size.
-        size = float(np.abs(step).max(initial=0.0))
-        shrink, last = min(1.0, size / last) if np.isfinite(last) else 1.0, size
-        near = shrink * size < TOLERANCE or shrink**2 * float(np.sum((R @ step) ** 2)) < _NOTHING
-        earlier = (weight, tau, width)
-        weight = robust_weights(at[0], data, loss)
-        if prior_scale is None and len(geometric) and not damping and count <= _SETTLED:
-            tau = _evidence(u[geometric], R, geometric, tau)
-        if len(effects) and not damping and count <= _SETTLED:
-            width = _widths(u[effects], least_squares.variances(R)[effects], width, prior[effects])
-        moved = np.abs(np.append(width / earlier[2], tau / earlier[1]) - 1).max()
-        steady = np.abs(weight - earlier[0]).max() < 1e-3 and moved < _STEADY
-        converged = max_iterations == 1 or bool(steady and (idle >= 3 or (near and not damping)))
-        damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
-        if converged:
+        moved = apply(model, unknowns, full)
+        return moved, residuals(moved, data, at[1])
+
+    def left_to_go(R: np.ndarray) -> np.ndarray:
+        """The next step, by the slope here and the factor R of the information where the last step began."""
+        slope = (linear.residual * weight[linear.row]) @ linear.jacobian
+        return clipped(least_squares.descend(R, slope[chosen] * scale - u / widened() ** 2), R)
+
+    u, weight = position(model), robust_weights(at[0], data, loss)
+    linear = seen = linearise(model, data, unknowns, at)
+    rows = triangle()
+    while True:
+        largest = float(np.max(np.sum(rows[:, :-1] ** 2, axis=0), initial=1.0))
+        step, R = least_squares.solve(rows, -u, widened(), damping * largest)
+        if count >= max_iterations or not np.isfinite(step).all():
             break
-        linear = linearise(model, data, unknowns, at)
-    return State(model, at[0], R, linear, weight, tau, count, converged)
+        step, before = clipped(step, R), (tau, width)
+        if not damping and count < _SETTLED:
+            if prior_scale is None and len(geometric):
+                tau = _evidence((u + step)[geometric], R, geometric, tau)
+            if len(effects):
+                width = _widths((u + step)[effects], least_squares.variances(R)[effects], width, prior[effects])
+            if tau != before[0] or (width != before[1]).any():
+                step, R = least_squares.solve(rows, -u, widened())
+                step = clipped(step, R)
+        trial, tried = after(step)
+        count += 1
+        if max_iterations == 1:
+            model, at, converged = trial, tried, True
+            break
+        here, there = cost(u, at), cost(position(trial), tried)
+        if not there <= here + rounding + 2 * np.sqrt(here * rounding):
+            damping = max(100 * damping, _LEAST_DAMPING)
+            continue
+        idle = idle + 1 if here - there < NEGLIGIBLE * max(1.0, here / data.mask.sum()) else 0
+        model, at, u = trial, tried, position(trial)
+        heavier, weight = weight, robust_weights(at[0], data, loss)
+        moved = np.abs(np.append(width / before[1], tau / before[0]) - 1).max()
+        steady = np.abs(weight - heavier).max() < 1e-3 and moved < _STEADY
+        seen, linear = linear, linearise(model, data, unknowns, at)
+        left = left_to_go(R)
+        near = np.abs(left).max(initial=0.0) < TOLERANCE or float(np.sum((R @ left) ** 2)) < _NOTHING
+        converged = bool(steady and (idle >= 3 or (near and not damping)))
+        if converged:
+            trial, tried = after(left)
+            if cost(position(trial), tried) <= cost(u, at):
+                model, at = trial, tried
+            break
+        damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
+        rows = triangle()
+    return State(model, at[0], R, seen, weight, tau, count, converged)
 
 
 def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -> float:
