@@ -43,6 +43,8 @@ class Solution:
     iterations: int
     residual: np.ndarray
     """(N,) [m], largest closure error."""
+    at: Closure | None = None
+    """The closure there, about the plate's origin; None where poses were solved in several goes."""
 
     @property
     def ok(self) -> np.ndarray:
@@ -98,6 +100,8 @@ def move(mechanism: Mechanism, pose: Pose, step: np.ndarray) -> Pose:
 def _limited(step: np.ndarray, largest: float = 0.5) -> np.ndarray:
     """Newton steps shortened to `largest` (m, rad): far starts creep instead of jumping branch."""
     size = np.abs(step).max(axis=-1, keepdims=True)
+    if size.max(initial=0.0) <= largest:
+        return step
     return np.where(size > largest, step * (largest / np.maximum(size, largest)), step)
 
 
@@ -187,7 +191,7 @@ def forward(
             count += 1
         pose = Pose(pose.x, rotation.renormalise(pose.R), pose.phi)
         status = _status(mechanism, at, pose, reference, max(tolerance, 1e-9))
-        found = Solution(q[rows], pose, status, count, np.abs(at.f).max(axis=-1))
+        found = Solution(q[rows], pose, status, count, np.abs(at.f).max(axis=-1), at)
         late = np.flatnonzero(found.residual > tolerance)
         if count >= max_iterations or not len(late):
             return found

@@ -6,7 +6,7 @@ so that f is an apparent rod-length error in metres).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,10 @@ class Closure:
     b: np.ndarray
     """(m, 3) or (N, m, 3) [m], plate-side anchors in the plate frame, hinges applied."""
     hinges: tuple[Hinge, ...] = ()
+
+    def about(self, arm: np.ndarray) -> Closure:
+        """The same closure about a reference point that lies further by `arm` (N, 3) [m], base frame."""
+        return replace(self, r=self.r - arm[:, None])
 
 
 def base_side(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, deviation: Deviation = RIGID) -> BaseSide:

@@ -58,6 +58,8 @@ class Prediction:
     """(N,) 'ok' or why not."""
     situation: Situation | None = None
     """None where the model has no effects."""
+    at: Closure | None = None
+    """The closure about the plate's origin, where kinematics left it."""
 
     @property
     def deviation(self) -> Deviation:
@@ -131,13 +133,16 @@ def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | N
         R = frame.rotation @ R
     if total.sensor is not None:
         x = x + total.sensor
-    return Prediction(x, R, q, solution.pose, tool, total, solution.status, at)
+    return Prediction(x, R, q, solution.pose, tool, total, solution.status, at, solution.at)
 
 
 def closure_of(model: Model, p: Prediction) -> tuple[Closure, np.ndarray]:
     """The closure at a prediction, about the measured point, and J_X (N, m, n_state) there."""
     mechanism = model.robot.mechanism
-    at = kinematics.closure(mechanism, model.k, p.q, p.pose, p.tool, p.deviation)
+    if p.at is None:
+        at = kinematics.closure(mechanism, model.k, p.q, p.pose, p.tool, p.deviation)
+    else:
+        at = p.at.about((p.pose.R @ p.tool[..., None])[..., 0]) if p.tool.any() else p.at
     return at, kinematics.jacobian_state(mechanism, at, p.pose)
 
 
