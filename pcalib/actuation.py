@@ -59,7 +59,8 @@ class RotaryArms:
 
     def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
         centre, C, S = self._circle(k)
-        c, s = np.cos(q)[:, self.actuator, None], np.sin(q)[:, self.actuator, None]
+        each = np.repeat(self.actuator[:, None], 3, axis=1)  # one per coordinate: faster than to broadcast over three
+        c, s = np.cos(q)[:, each], np.sin(q)[:, each]
         return BaseSide(A=centre + c * C + s * S, dA=c * S - s * C, length=k[self.length])
 
     def rows(self, k: np.ndarray, q: np.ndarray, side: BaseSide, n: np.ndarray, d: np.ndarray) -> np.ndarray:

@@ -197,7 +197,7 @@ def _conclude(
     error, weight = np.empty((len(data), 6)), np.ones(len(data))
     explained = _explained(data, unknowns)
     every = explained is data  # readings that the level cannot explain have residuals all the same
-    error[fitted] = state.error if every else residuals(state.model, data.take(fitted), state.linear.prediction)[0]
+    error[fitted] = state.error if every else residuals(state.model, data.take(fitted), state.linear.prediction.pose)[0]
     error[held] = residuals(state.model, data.take(held))[0] if held.any() else 0.0
     weight[fitted] = state.weight
     information = (ident.ratio * state.prior_scale) ** 2
@@ -313,7 +313,7 @@ def _warnings(
             "priors were widened accordingly"
         )
     fitted = ~data.check
-    one_tool = len(np.unique(np.round(data.tool[fitted], 6), axis=0)) == 1
+    one_tool = np.ptp(data.tool[fitted], axis=0).max() < 1e-6
     if one_tool and not data.mask[fitted, 3:].any() and not unknowns.level.perfect:
         out.append(
             "position only, with one tool: the plate's tilt is not seen, and other tools are not calibrated; "

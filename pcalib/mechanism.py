@@ -134,6 +134,8 @@ class Pose:
 
     def tcp(self, tool: np.ndarray) -> np.ndarray:
         """TCP positions x + R·t (N, 3) [m], for a tool (3,) or (N, 3) in the plate frame."""
+        if not np.any(tool):
+            return self.x.copy()
         return self.x + (self.R @ np.broadcast_to(tool, self.x.shape)[..., None])[..., 0]
 
     def take(self, rows: np.ndarray | slice) -> Pose:

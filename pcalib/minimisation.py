@@ -10,7 +10,7 @@ from pcalib import least_squares
 from pcalib.linearisation import Linearisation, linearise, residuals
 from pcalib.measurement import Measurements
 from pcalib.model import Model
-from pcalib.prediction import Prediction
+from pcalib.prediction import Prediction, ahead
 from pcalib.unknowns import EFFECT_PRIOR_WIDTH, Unknowns, apply, current
 
 LOSSES = ("linear", "huber", "cauchy")
@@ -96,8 +96,8 @@ def minimise(
     def cost(u: np.ndarray, at: tuple[np.ndarray, Prediction]) -> float:
         if not (at[1].status == "ok").all():
             return np.inf
-        misfit = np.nansum(weight[:, None] * (at[0] / data.sigma) ** 2)
-        return float(misfit + np.sum((u / widened())[held] ** 2))
+        off = (at[0] / data.sigma)[data.mask]
+        return float(off @ (weight[linear.row] * off) + np.sum((u / widened()) ** 2))
 
     def triangle() -> np.ndarray:
         """All that the weighted rows say of the chosen unknowns, in units of their natural size."""
@@ -115,7 +115,8 @@ def minimise(
         full = np.zeros(len(unknowns.names))
         full[chosen] = step * scale
         moved = apply(model, unknowns, full)
-        return moved, residuals(moved, data, at[1])
+        start = ahead(model, at[1], linear.motion @ full[: unknowns.n_geometry])
+        return moved, residuals(moved, data, start)
 
     def left_to_go(R: np.ndarray) -> np.ndarray:
         """The next step, by the slope here and the factor R of the information where the last step began."""
@@ -126,8 +127,8 @@ def minimise(
     linear = seen = linearise(model, data, unknowns, at)
     rows = triangle()
     while True:
-        largest = float(np.max(np.sum(rows[:, :-1] ** 2, axis=0), initial=1.0))
-        step, R = least_squares.solve(rows, -u, widened(), damping * largest)
+        largest = np.max(np.sum(rows[:, :-1] ** 2, axis=0), initial=1.0) if damping else 1.0
+        step, R = least_squares.solve(rows, -u, widened(), float(damping * largest))
         if count >= max_iterations or not np.isfinite(step).all():
             break
         step, before = clipped(step, R), (tau, width)
@@ -194,7 +195,8 @@ def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -
     estimate = (V.T @ u)[seen] * information[seen] / of_data[seen]
     share = _SCALES[:, None] ** 2 / (_SCALES[:, None] ** 2 + 1 / of_data[seen])
     if many:
-        size = np.median(np.abs(estimate) * np.sqrt(share), axis=1) / (_MEDIAN * _SCALES)
+        shrunk = np.sort(np.abs(estimate) * np.sqrt(share), axis=1)
+        size = 0.5 * (shrunk[:, (len(estimate) - 1) // 2] + shrunk[:, len(estimate) // 2]) / (_MEDIAN * _SCALES)
     else:
         size = np.sqrt(np.sum((share * estimate) ** 2, axis=1) / np.sum(share, axis=1)) / _SCALES
     enough = np.flatnonzero(size <= 1)

@@ -139,4 +139,4 @@ def check(R: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
 
 def renormalise(R: np.ndarray) -> np.ndarray:
     """The nearest rotation to a product of many, by one Newton step of the polar decomposition."""
-    return 0.5 * R @ (3 * np.eye(3) - np.swapaxes(R, -1, -2) @ R)
+    return 1.5 * R - 0.5 * R @ (np.swapaxes(R, -1, -2) @ R)
