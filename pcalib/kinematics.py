@@ -128,6 +128,11 @@ def invert(A: np.ndarray) -> np.ndarray:
     return out
 
 
+def _worst(at: Closure) -> float:
+    """[m] the largest closure error of all poses that have one."""
+    return float(np.fmax.reduce(np.abs(at.f), axis=None, initial=0.0))
+
+
 def _status(mechanism: Mechanism, at: Closure, pose: Pose, reference: np.ndarray, tolerance: float) -> np.ndarray:
     residual = np.abs(at.f).max(axis=-1)
     status = np.full(len(residual), "ok", dtype="<U13")
@@ -183,7 +188,7 @@ def forward(
         side = base_side(mechanism, k, q[rows], dev)
         plate = plate_side(mechanism, k, pose.phi, dev)
         at = close(side, plate, pose.x, pose.R, origin)
-        while count < most and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
+        while count < most and _worst(at) > tolerance:
             pose = move(mechanism, pose, _limited(solve(jacobian_state(mechanism, at, pose), -at.f)))
             if mechanism.hinges:
                 plate = plate_side(mechanism, k, pose.phi, dev)
@@ -265,7 +270,7 @@ def inverse(
             p[:, loose] = near.tcp(t)[:, loose]
         plate = plate_side(mechanism, k, phi, dev)
         at = close(base_side(mechanism, k, q, dev), plate, p, R, reference)
-        while count < most and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
+        while count < most and _worst(at) > tolerance:
             now = Pose(p, R, phi)
             J = np.concatenate(
                 [jacobian_actuators(mechanism, at), jacobian_state(mechanism, at, now)[..., free]], axis=-1

@@ -127,19 +127,13 @@ def minimise(
     linear = seen = linearise(model, data, unknowns, at)
     rows = triangle()
     while True:
+        if prior_scale is None and len(geometric) and not damping and count < _SETTLED and np.isfinite(rows).all():
+            tau = _evidence(rows, u, widened(), geometric)
         largest = np.max(np.sum(rows[:, :-1] ** 2, axis=0), initial=1.0) if damping else 1.0
         step, R = least_squares.solve(rows, -u, widened(), float(damping * largest))
         if count >= max_iterations or not np.isfinite(step).all():
             break
-        step, before = clipped(step, R), (tau, width)
-        if not damping and count < _SETTLED:
-            if prior_scale is None and len(geometric):
-                tau = _evidence((u + step)[geometric], R, geometric, tau)
-            if len(effects):
-                width = _widths((u + step)[effects], least_squares.variances(R)[effects], width, prior[effects])
-            if tau != before[0] or (width != before[1]).any():
-                step, R = least_squares.solve(rows, -u, widened())
-                step = clipped(step, R)
+        step = clipped(step, R)
         trial, tried = after(step)
         count += 1
         if max_iterations == 1:
@@ -152,7 +146,10 @@ def minimise(
         idle = idle + 1 if here - there < NEGLIGIBLE * max(1.0, here / data.mask.sum()) else 0
         model, at, u = trial, tried, position(trial)
         heavier, weight = weight, robust_weights(at[0], data, loss)
-        moved = np.abs(np.append(width / before[1], tau / before[0]) - 1).max()
+        narrower = width
+        if len(effects) and not damping and count <= _SETTLED:
+            width = _widths(u[effects], least_squares.variances(R)[effects], width, prior[effects])
+        moved = np.abs(width / narrower - 1).max(initial=0.0)
         steady = np.abs(weight - heavier).max() < 1e-3 and moved < _STEADY
         seen, linear = linear, linearise(model, data, unknowns, at)
         left = left_to_go(R)
@@ -168,31 +165,33 @@ def minimise(
     return State(model, at[0], R, seen, weight, tau, count, converged)
 
 
-def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -> float:
+def _evidence(rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.ndarray) -> float:
     """The prior's scale τ that agrees with the geometric errors found, never below the stated tolerances.
 
     Along an eigenvector of the data's information λ the unshrunk estimate has variance τ² + 1/λ. Evidence asks that
     the shrunk ones have the size that they should have in the mean square (MacKay 1992). Where the data know many
     directions better than the drawing does, their median is asked for and not the mean: something that the model
     misses shows in a few directions, as errors of many tolerances, and must not make room for itself. Nothing here
-    depends on the τ at which `u` was found, so that τ is found at once.
+    depends on an earlier τ, so that τ is found at once.
+
+    Args:
+        rows: (·, n + 1) what the data say of a step from u.
+        prior: (n,) 1σ of the unknowns; that of geometry does not count.
     """
-    corner = R
-    if len(geometric) < len(R):
+    corner = rows
+    if len(geometric) < len(u):
         # In triangular form with the geometry last, its corner holds what the other unknowns leave of its information.
-        others = np.setdiff1d(np.arange(len(R)), geometric)
-        corner = np.asarray(np.linalg.qr(R[:, np.concatenate([others, geometric])], mode="r"))
-        corner = corner[len(others) :, len(others) :]
-    if not np.isfinite(corner).all():
-        return tau
-    information, V = np.linalg.eigh(corner.T @ corner)
-    of_data = information - 1 / tau**2
+        others = np.setdiff1d(np.arange(len(u)), geometric)
+        corner = least_squares.with_priors(rows[:, np.r_[others, geometric, -1]], -u[others], prior[others])
+        corner = np.linalg.qr(corner, mode="r")[len(others) :, len(others) :]
+    J, y = corner[:, :-1], corner[:, -1]
+    of_data, V = np.linalg.eigh(J.T @ J)
     known = of_data > 1
     many = known.sum() >= _MANY
     seen = known if many else of_data > 1e-6
     if not seen.any():
         return 1.0
-    estimate = (V.T @ u)[seen] * information[seen] / of_data[seen]
+    estimate = (V.T @ (J.T @ (y + J @ u[geometric])))[seen] / of_data[seen]
     share = _SCALES[:, None] ** 2 / (_SCALES[:, None] ** 2 + 1 / of_data[seen])
     if many:
         shrunk = np.sort(np.abs(estimate) * np.sqrt(share), axis=1)
