@@ -136,7 +136,7 @@ def _worst(at: Closure) -> float:
 def _status(mechanism: Mechanism, at: Closure, pose: Pose, reference: np.ndarray, tolerance: float) -> np.ndarray:
     residual = np.abs(at.f).max(axis=-1)
     status = np.full(len(residual), "ok", dtype="<U13")
-    turned = _turned(mechanism, pose.R, reference) > mechanism.max_tilt
+    turned = _upright(mechanism, pose.R, reference) < np.cos(mechanism.max_tilt)
     if mechanism.rod_side:
         plain = at.n if at.side.guide is None else at.n[:, np.isnan(at.side.guide[0, :, 0])]
         turned |= (plain[..., 2] * mechanism.rod_side <= 0).any(axis=-1)
@@ -209,15 +209,14 @@ def forward(
     return _in_chunks(len(q), batch)
 
 
-def _turned(mechanism: Mechanism, R: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """How far the plate has turned from `reference` in directions that no command asks for [rad], (N,)."""
+def _upright(mechanism: Mechanism, R: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Cosine of how far the plate has turned from `reference` in directions that no command asks for, (N,)."""
     commanded = {3, 4, 5} & set(mechanism.task)
     if {3, 4} <= commanded:
-        return np.zeros(len(R))
+        return np.ones(len(R))
     if commanded:
-        return np.arccos(np.clip(np.sum(R[..., 2] * reference[..., 2], axis=-1), -1, 1))
-    trace = np.sum(R * reference, axis=(-2, -1))
-    return np.arccos(np.clip(0.5 * (trace - 1), -1, 1))
+        return rotation.dot(R[..., 2], reference[..., 2])
+    return 0.5 * (np.einsum("nij,nij->n", R, reference) - 1)
 
 
 def inverse(

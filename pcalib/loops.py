@@ -64,13 +64,10 @@ def base_side(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, deviation: Dev
     side = mechanism.actuation.base(k, q)
     if deviation.elbow is None and deviation.rod is None:
         return side
-    return BaseSide(
+    return replace(
+        side,
         A=side.A if deviation.elbow is None else side.A + deviation.elbow,
-        dA=side.dA,
         length=side.length if deviation.rod is None else side.length + deviation.rod,
-        dlength=side.dlength,
-        guide=side.guide,
-        dguide=side.dguide,
     )
 
 
