@@ -38,8 +38,10 @@ class Identifiability:
     names: tuple[str, ...]
     ratio: np.ndarray
     """(nz,) prior σ / posterior σ of each singular direction, descending."""
-    scaled: np.ndarray
-    """(·, nz) the prior-scaled Jacobian, up to a rotation of its rows."""
+    factor: np.ndarray
+    """(·, nz) triangular factor of the prior-scaled Jacobian, columns in the order of `pivot`."""
+    pivot: np.ndarray
+    """(nz,) order in which QR takes the parameters: what adds most to those before comes first."""
     prior: np.ndarray
     """(nz,) 1σ of the parameters."""
 
@@ -51,27 +53,21 @@ class Identifiability:
     @cached_property
     def directions(self) -> np.ndarray:
         """(nz, nz) unit directions in prior-scaled parameters, one per column, in the order of `ratio`."""
-        return np.linalg.svd(self.scaled)[2].T
-
-    @cached_property
-    def _pivoted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Triangular factor of `scaled`, and the order in which QR takes the parameters: what adds most to those
-        before comes first."""
-        return cast(
-            tuple[np.ndarray, np.ndarray], scipy.linalg.qr(self.scaled, mode="r", pivoting=True, check_finite=False)
-        )
+        out = np.empty((len(self.names),) * 2)
+        out[self.pivot] = np.linalg.svd(self.factor)[2].T
+        return out
 
     @cached_property
     def base(self) -> tuple[str, ...]:
         """The identifiable base δk_b: parameters that pivoted QR keeps (paper after eq. 24)."""
-        return tuple(self.names[i] for i in self._pivoted[1][: self.n_identified].tolist())
+        return tuple(self.names[i] for i in self.pivot[: self.n_identified].tolist())
 
     @cached_property
     def dependent(self) -> dict[str, dict[str, float]]:
         """Each parameter outside the base, and the base parameters whose change by these factors per unit does the
         same."""
-        R, pivot = self._pivoted
-        n, order, prior = self.n_identified, pivot.tolist(), self.prior
+        n, order, prior = self.n_identified, self.pivot.tolist(), self.prior
+        R = self.factor
         mix = scipy.linalg.solve_triangular(R[:n, :n], R[:n, n:]) if n else np.zeros((0, len(order)))
         out: dict[str, dict[str, float]] = {}
         for column, share in zip(order[n:], mix.T, strict=True):  # in prior-scaled units
@@ -114,11 +110,13 @@ def analyse(
         nuisance: (M, n) whitened columns of unknowns without prior, projected out first.
     """
     scaled = project_out(J, nuisance) * prior
-    if len(scaled) > 2 * scaled.shape[1]:
-        scaled = np.linalg.qr(scaled, mode="r")
+    R, pivot = cast(
+        tuple[np.ndarray, np.ndarray], scipy.linalg.qr(scaled, mode="r", pivoting=True, check_finite=False)
+    )
+    R = R[: scaled.shape[1]]
     ratio = np.zeros(scaled.shape[1])
-    ratio[: len(scaled)] = np.linalg.svd(scaled, compute_uv=False)
-    return Identifiability(tuple(names), ratio, scaled, np.asarray(prior, float))
+    ratio[: len(R)] = np.linalg.svd(R, compute_uv=False)  # those of `scaled` itself
+    return Identifiability(tuple(names), ratio, R, pivot, np.asarray(prior, float))
 
 
 @dataclass(frozen=True)

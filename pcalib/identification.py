@@ -163,18 +163,18 @@ def fit(
     chosen, seen = np.arange(len(unknowns.names)), None
     if method != "map":
         nominal = replace(Model.nominal(model.robot), effects=model.effects, frame=model.frame)
-        seen = _seen(linearise(nominal, used, unknowns), unknowns)
+        seen = _seen(linearise(nominal, used, unknowns).jacobian, unknowns)
         beside = unknowns.names[unknowns.n_geometry :]
         chosen = np.array([i for i, name in enumerate(unknowns.names) if name in seen.base + beside], int)
     scale = 1.0 if method != "map" else prior_scale
     state = minimise(model, used, unknowns, chosen, at, loss, scale, 1 if method == "linear" else max_iterations)
-    return _conclude(state, data, unknowns, chosen, method, expected, seen or _seen(state.linear, unknowns))
+    ident = seen or _seen(state.linear.triangle[:, :-1], unknowns)
+    return _conclude(state, data, unknowns, chosen, method, expected, ident)
 
 
-def _seen(linear: Linearisation, unknowns: Unknowns) -> Identifiability:
-    """What the data say about the geometry, effects and frame being unknown too."""
+def _seen(rows: np.ndarray, unknowns: Unknowns) -> Identifiability:
+    """What rows (·, n) of a Jacobian, or of its triangle, say about the geometry, effects and frame being unknown."""
     g = unknowns.n_geometry
-    rows = linear.triangle[:, :-1]
     return analyse(rows[:, :g], unknowns.scale[:g], unknowns.names[:g], rows[:, g:])
 
 

@@ -53,6 +53,8 @@ def solve(
 
 def descend(R: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """The Gauss–Newton step (RᵀR)⁻¹·slope, from a factor R of the information found elsewhere nearby."""
+    if len(slope) == 0:
+        return slope
     half, info = dtrtrs(R, slope, trans=1)
     return dtrtrs(R, half)[0] if info == 0 else np.full_like(slope, np.nan)
 

@@ -34,7 +34,7 @@ _MEDIAN = 0.6745
 _SETTLED = 10
 """Steps after which the priors' scale stays what it is."""
 _STEADY = 0.05
-"""Relative change of the priors' widths below which a fit may end; they follow it to the end, whatever the start."""
+"""Relative change of the widths of effects' priors below which a fit may end."""
 _LEAST_DAMPING = 1e-12
 """Share of the largest diagonal element of JᵀJ: less is none."""
 
@@ -49,6 +49,7 @@ class State:
     R: np.ndarray
     """Triangular factor of the information in scaled unknowns."""
     linear: Linearisation
+    """Where the last step began, and what R is made of."""
     weight: np.ndarray
     """(N,) robust weights."""
     prior_scale: float
@@ -119,18 +120,19 @@ def minimise(
         return moved, residuals(moved, data, start)
 
     def left_to_go(R: np.ndarray) -> np.ndarray:
-        """The next step, by the slope here and the factor R of the information where the last step began."""
+        """What the next step would be, by the slope here and the information R from where the last one began."""
         slope = (linear.residual * weight[linear.row]) @ linear.jacobian
         return clipped(least_squares.descend(R, slope[chosen] * scale - u / widened() ** 2), R)
 
     u, weight = position(model), robust_weights(at[0], data, loss)
-    linear = seen = linearise(model, data, unknowns, at)
+    linear = linearise(model, data, unknowns, at)
     rows = triangle()
     while True:
         if prior_scale is None and len(geometric) and not damping and count < _SETTLED and np.isfinite(rows).all():
             tau = _evidence(rows, u, widened(), geometric)
         largest = np.max(np.sum(rows[:, :-1] ** 2, axis=0), initial=1.0) if damping else 1.0
         step, R = least_squares.solve(rows, -u, widened(), float(damping * largest))
+        begun = linear
         if count >= max_iterations or not np.isfinite(step).all():
             break
         step = clipped(step, R)
@@ -145,24 +147,24 @@ def minimise(
             continue
         idle = idle + 1 if here - there < NEGLIGIBLE * max(1.0, here / data.mask.sum()) else 0
         model, at, u = trial, tried, position(trial)
-        heavier, weight = weight, robust_weights(at[0], data, loss)
-        narrower = width
+        earlier = weight, width
+        weight = robust_weights(at[0], data, loss)
         if len(effects) and not damping and count <= _SETTLED:
             width = _widths(u[effects], least_squares.variances(R)[effects], width, prior[effects])
-        moved = np.abs(width / narrower - 1).max(initial=0.0)
-        steady = np.abs(weight - heavier).max() < 1e-3 and moved < _STEADY
-        seen, linear = linear, linearise(model, data, unknowns, at)
+        moved = np.abs(width / earlier[1] - 1).max(initial=0.0)
+        steady = np.abs(weight - earlier[0]).max() < 1e-3 and moved < _STEADY
+        linear = linearise(model, data, unknowns, at)
         left = left_to_go(R)
         near = np.abs(left).max(initial=0.0) < TOLERANCE or float(np.sum((R @ left) ** 2)) < _NOTHING
         converged = bool(steady and (idle >= 3 or (near and not damping)))
         if converged:
-            trial, tried = after(left)
+            trial, tried = after(left)  # known already, and worth more digits than it costs
             if cost(position(trial), tried) <= cost(u, at):
                 model, at = trial, tried
             break
         damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
         rows = triangle()
-    return State(model, at[0], R, seen, weight, tau, count, converged)
+    return State(model, at[0], R, begun, weight, tau, count, converged)
 
 
 def _evidence(rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.ndarray) -> float:
@@ -183,7 +185,7 @@ def _evidence(rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.
         # In triangular form with the geometry last, its corner holds what the other unknowns leave of its information.
         others = np.setdiff1d(np.arange(len(u)), geometric)
         corner = least_squares.with_priors(rows[:, np.r_[others, geometric, -1]], -u[others], prior[others])
-        corner = np.linalg.qr(corner, mode="r")[len(others) :, len(others) :]
+        corner = np.asarray(np.linalg.qr(corner, mode="r"))[len(others) :, len(others) :]
     J, y = corner[:, :-1], corner[:, -1]
     of_data, V = np.linalg.eigh(J.T @ J)
     known = of_data > 1
