@@ -99,9 +99,10 @@ def move(mechanism: Mechanism, pose: Pose, step: np.ndarray) -> Pose:
 
 def _limited(step: np.ndarray, largest: float = 0.5) -> np.ndarray:
     """Newton steps shortened to `largest` (m, rad): far starts creep instead of jumping branch."""
-    size = np.abs(step).max(axis=-1, keepdims=True)
+    size = np.abs(step)
     if size.max(initial=0.0) <= largest:
         return step
+    size = size.max(axis=-1, keepdims=True)
     return np.where(size > largest, step * (largest / np.maximum(size, largest)), step)
 
 
@@ -124,7 +125,9 @@ def invert(A: np.ndarray) -> np.ndarray:
         regular = np.linalg.det(A) != 0
         out = np.full(A.shape, np.nan)
         out[regular] = np.linalg.inv(A[regular])
-    out[np.abs(out).max(axis=(1, 2), initial=0.0) > SINGULAR] = np.nan
+    size = np.abs(out)
+    if not size.max(initial=0.0) <= SINGULAR:
+        out[size.max(axis=(1, 2)) > SINGULAR] = np.nan
     return out
 
 
@@ -133,8 +136,9 @@ def _worst(at: Closure) -> float:
     return float(np.fmax.reduce(np.abs(at.f), axis=None, initial=0.0))
 
 
-def _status(mechanism: Mechanism, at: Closure, pose: Pose, reference: np.ndarray, tolerance: float) -> np.ndarray:
-    residual = np.abs(at.f).max(axis=-1)
+def _status(
+    mechanism: Mechanism, at: Closure, residual: np.ndarray, pose: Pose, reference: np.ndarray, tolerance: float
+) -> np.ndarray:
     status = np.full(len(residual), "ok", dtype="<U13")
     turned = _upright(mechanism, pose.R, reference) < np.cos(mechanism.max_tilt)
     if mechanism.rod_side:
@@ -195,8 +199,9 @@ def forward(
             at = close(side, plate, pose.x, pose.R, origin)
             count += 1
         pose = Pose(pose.x, rotation.renormalise(pose.R), pose.phi)
-        status = _status(mechanism, at, pose, reference, max(tolerance, 1e-9))
-        found = Solution(q[rows], pose, status, count, np.abs(at.f).max(axis=-1), at)
+        residual = np.abs(at.f).max(axis=-1)
+        status = _status(mechanism, at, residual, pose, reference, max(tolerance, 1e-9))
+        found = Solution(q[rows], pose, status, count, residual, at)
         late = np.flatnonzero(found.residual > tolerance)
         if count >= max_iterations or not len(late):
             return found
@@ -288,8 +293,9 @@ def inverse(
             count += 1
         R = rotation.renormalise(R)
         pose = Pose(p - (R @ t[..., None])[..., 0], R, phi)
-        status = _status(mechanism, at, pose, R0, max(tolerance, 1e-9))
-        found = Solution(q, pose, status, count, np.abs(at.f).max(axis=-1))
+        residual = np.abs(at.f).max(axis=-1)
+        status = _status(mechanism, at, residual, pose, R0, max(tolerance, 1e-9))
+        found = Solution(q, pose, status, count, residual)
         late = np.flatnonzero(found.residual > tolerance)
         if count >= max_iterations or not len(late):
             return found

@@ -65,7 +65,8 @@ def residuals(model: Model, data: Measurements, start: Pose | None = None) -> tu
     error[:, :3] = data.position - p.position
     turned = data.mask[:, 3]
     if turned.any():
-        error[turned, 3:] = rotation.log(data.rotation[turned] @ np.swapaxes(p.rotation[turned], -1, -2))
+        rows = slice(None) if turned.all() else turned
+        error[rows, 3:] = rotation.log(data.rotation[rows] @ rotation.transposed(p.rotation[rows]))
     error[~data.mask] = np.nan
     error[p.status != "ok"] = np.nan
     return error, p

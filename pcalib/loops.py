@@ -97,7 +97,7 @@ def close(
 ) -> Closure:
     """The closure of both sides at plate positions x of the `reference` point (plate frame) and orientations R."""
     b, hinges = plate
-    r = np.matmul(b - reference, np.swapaxes(R, -1, -2))
+    r = np.matmul(b - reference, rotation.transposed(R))
     d = r + (x[:, None] - side.A)
     length = np.sqrt(d[..., 0] ** 2 + d[..., 1] ** 2 + d[..., 2] ** 2)
     n = d / length[..., None]
