@@ -50,23 +50,26 @@ class RotaryArms:
     def _nominal_frames(self) -> np.ndarray:
         return rotation.about(np.array([0.0, 0.0, 1.0]), self.azimuth)
 
-    def _circle(self, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _circle(self, k: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Every anchor runs on a circle, A = O + C cos q + S sin q: three (m, 3) arrays."""
-        E, a = self._frames(k)[self.actuator], k[self.a]
+        E, a = frames[self.actuator], k[self.a]
         ax, ay, az = a[:, :1], a[:, 1:2], a[:, 2:]
         centre = k[self.p][self.actuator] + E[:, :, 0] * ax
         return centre, E[:, :, 1] * ay + E[:, :, 2] * az, E[:, :, 2] * ay - E[:, :, 1] * az
 
     def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
-        centre, C, S = self._circle(k)
-        c, s = np.cos(q)[:, self.actuator, None], np.sin(q)[:, self.actuator, None]
-        return BaseSide(A=centre + c * C + s * S, dA=c * S - s * C, length=k[self.length])
+        frames = self._frames(k)
+        centre, C, S = self._circle(k, frames)
+        each = np.repeat(self.actuator[:, None], 3, axis=1)  # one per coordinate: faster than to broadcast over three
+        c, s = np.cos(q)[:, each], np.sin(q)[:, each]
+        return BaseSide(A=centre + c * C + s * S, dA=c * S - s * C, length=k[self.length], frames=frames)
 
     def rows(self, k: np.ndarray, q: np.ndarray, side: BaseSide, n: np.ndarray, d: np.ndarray) -> np.ndarray:
         N, m = n.shape[:2]
         out = np.empty((N, m, 10))
         out[..., 0:3] = -n
-        E = self._frames(k)[self.actuator]
+        assert side.frames is not None
+        E = side.frames[self.actuator]
         along = _per_rod(n, E)  # n in the arm's frame at q = 0
         c, s = np.cos(q)[:, self.actuator], np.sin(q)[:, self.actuator]
         out[..., 3] = -along[..., 0]
@@ -80,7 +83,7 @@ class RotaryArms:
         return out
 
     def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
-        centre, C, S = self._circle(k)
+        centre, C, S = self._circle(k, self._frames(k))
         d = B - centre
         # |d − C cos q − S sin q|² = l², with C ⟂ S and |C| = |S|
         E = rotation.dot(d, C)
@@ -128,16 +131,16 @@ class Carriages:
         return E, origin, D[self.actuator]
 
     def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
-        _, origin, D = self._rails(k)
+        E, origin, D = self._rails(k)
         A = origin + q[:, self.actuator, None] * D
-        return BaseSide(A=A, dA=np.broadcast_to(D, A.shape), length=k[self.length])
+        return BaseSide(A=A, dA=np.broadcast_to(D, A.shape), length=k[self.length], frames=E)
 
     def rows(self, k: np.ndarray, q: np.ndarray, side: BaseSide, n: np.ndarray, d: np.ndarray) -> np.ndarray:
         N, m = n.shape[:2]
-        E, _, _ = self._rails(k)
+        assert side.frames is not None
         out = np.empty((N, m, 11))
         out[..., 0:3] = -n
-        in_frame = np.matmul(n[:, :, None, :], E[self.actuator])[:, :, 0]
+        in_frame = _per_rod(n, side.frames[self.actuator])
         out[..., 3:6] = -in_frame
         J = rotation.left_jacobian(k[self.beta])[self.actuator]
         arm = side.A - k[self.p][self.actuator]

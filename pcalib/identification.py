@@ -163,18 +163,19 @@ def fit(
     chosen, seen = np.arange(len(unknowns.names)), None
     if method != "map":
         nominal = replace(Model.nominal(model.robot), effects=model.effects, frame=model.frame)
-        seen = _seen(linearise(nominal, used, unknowns), unknowns)
+        seen = _seen(linearise(nominal, used, unknowns).jacobian, unknowns)
         beside = unknowns.names[unknowns.n_geometry :]
         chosen = np.array([i for i, name in enumerate(unknowns.names) if name in seen.base + beside], int)
     scale = 1.0 if method != "map" else prior_scale
     state = minimise(model, used, unknowns, chosen, at, loss, scale, 1 if method == "linear" else max_iterations)
-    return _conclude(state, data, unknowns, chosen, method, expected, seen or _seen(state.linear, unknowns))
+    ident = seen or _seen(state.linear.triangle[:, :-1], unknowns)
+    return _conclude(state, data, unknowns, chosen, method, expected, ident)
 
 
-def _seen(linear: Linearisation, unknowns: Unknowns) -> Identifiability:
-    """What the data say about the geometry, effects and frame being unknown too."""
+def _seen(rows: np.ndarray, unknowns: Unknowns) -> Identifiability:
+    """What rows (·, n) of a Jacobian, or of its triangle, say about the geometry, effects and frame being unknown."""
     g = unknowns.n_geometry
-    return analyse(linear.geometry, unknowns.scale[:g], unknowns.names[:g], linear.nuisance)
+    return analyse(rows[:, :g], unknowns.scale[:g], unknowns.names[:g], rows[:, g:])
 
 
 def _conclude(
@@ -194,16 +195,18 @@ def _conclude(
 
     fitted, held = ~data.check, data.check
     error, weight = np.empty((len(data), 6)), np.ones(len(data))
-    error[fitted] = residuals(state.model, data.take(fitted), state.linear.prediction)[0]
+    explained = _explained(data, unknowns)
+    every = explained is data  # readings that the level cannot explain have residuals all the same
+    error[fitted] = state.error if every else residuals(state.model, data.take(fitted), state.linear.prediction.pose)[0]
     error[held] = residuals(state.model, data.take(held))[0] if held.any() else 0.0
     weight[fitted] = state.weight
     information = (ident.ratio * state.prior_scale) ** 2
     taken = float(np.sum(information / (1 + information))) if method == "map" else float(np.sum(chosen < g))
     taken += unknowns.n_effects + min(unknowns.n_frame, 6)
-    explained = _explained(data, unknowns).mask & ~np.isnan(error)
+    counted = explained.mask & ~np.isnan(error)
 
     def summary(rows: np.ndarray, parameters: float) -> Accuracy:
-        return accuracy(error[rows], data.sigma[rows], explained[rows], parameters)
+        return accuracy(error[rows], data.sigma[rows], counted[rows], parameters)
 
     return Fit(
         candidate=_with_sigma(state.model, unknowns, covariance),
@@ -310,7 +313,7 @@ def _warnings(
             "priors were widened accordingly"
         )
     fitted = ~data.check
-    one_tool = len(np.unique(np.round(data.tool[fitted], 6), axis=0)) == 1
+    one_tool = np.ptp(data.tool[fitted], axis=0).max() < 1e-6
     if one_tool and not data.mask[fitted, 3:].any() and not unknowns.level.perfect:
         out.append(
             "position only, with one tool: the plate's tilt is not seen, and other tools are not calibrated; "

@@ -43,6 +43,8 @@ class Solution:
     iterations: int
     residual: np.ndarray
     """(N,) [m], largest closure error."""
+    at: Closure | None = None
+    """The closure there, about the plate's origin; None where poses were solved in several goes."""
 
     @property
     def ok(self) -> np.ndarray:
@@ -97,7 +99,10 @@ def move(mechanism: Mechanism, pose: Pose, step: np.ndarray) -> Pose:
 
 def _limited(step: np.ndarray, largest: float = 0.5) -> np.ndarray:
     """Newton steps shortened to `largest` (m, rad): far starts creep instead of jumping branch."""
-    size = np.abs(step).max(axis=-1, keepdims=True)
+    size = np.abs(step)
+    if size.max(initial=0.0) <= largest:
+        return step
+    size = size.max(axis=-1, keepdims=True)
     return np.where(size > largest, step * (largest / np.maximum(size, largest)), step)
 
 
@@ -120,14 +125,22 @@ def invert(A: np.ndarray) -> np.ndarray:
         regular = np.linalg.det(A) != 0
         out = np.full(A.shape, np.nan)
         out[regular] = np.linalg.inv(A[regular])
-    out[np.abs(out).max(axis=(1, 2), initial=0.0) > SINGULAR] = np.nan
+    size = np.abs(out)
+    if not size.max(initial=0.0) <= SINGULAR:
+        out[size.max(axis=(1, 2)) > SINGULAR] = np.nan
     return out
 
 
-def _status(mechanism: Mechanism, at: Closure, pose: Pose, reference: np.ndarray, tolerance: float) -> np.ndarray:
-    residual = np.abs(at.f).max(axis=-1)
+def _worst(at: Closure) -> float:
+    """[m] the largest closure error of all poses that have one."""
+    return float(np.fmax.reduce(np.abs(at.f), axis=None, initial=0.0))
+
+
+def _status(
+    mechanism: Mechanism, at: Closure, residual: np.ndarray, pose: Pose, reference: np.ndarray, tolerance: float
+) -> np.ndarray:
     status = np.full(len(residual), "ok", dtype="<U13")
-    turned = _turned(mechanism, pose.R, reference) > mechanism.max_tilt
+    turned = _upright(mechanism, pose.R, reference) < np.cos(mechanism.max_tilt)
     if mechanism.rod_side:
         plain = at.n if at.side.guide is None else at.n[:, np.isnan(at.side.guide[0, :, 0])]
         turned |= (plain[..., 2] * mechanism.rod_side <= 0).any(axis=-1)
@@ -179,15 +192,16 @@ def forward(
         side = base_side(mechanism, k, q[rows], dev)
         plate = plate_side(mechanism, k, pose.phi, dev)
         at = close(side, plate, pose.x, pose.R, origin)
-        while count < most and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
+        while count < most and _worst(at) > tolerance:
             pose = move(mechanism, pose, _limited(solve(jacobian_state(mechanism, at, pose), -at.f)))
             if mechanism.hinges:
                 plate = plate_side(mechanism, k, pose.phi, dev)
             at = close(side, plate, pose.x, pose.R, origin)
             count += 1
         pose = Pose(pose.x, rotation.renormalise(pose.R), pose.phi)
-        status = _status(mechanism, at, pose, reference, max(tolerance, 1e-9))
-        found = Solution(q[rows], pose, status, count, np.abs(at.f).max(axis=-1))
+        residual = np.abs(at.f).max(axis=-1)
+        status = _status(mechanism, at, residual, pose, reference, max(tolerance, 1e-9))
+        found = Solution(q[rows], pose, status, count, residual, at)
         late = np.flatnonzero(found.residual > tolerance)
         if count >= max_iterations or not len(late):
             return found
@@ -200,15 +214,14 @@ def forward(
     return _in_chunks(len(q), batch)
 
 
-def _turned(mechanism: Mechanism, R: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """How far the plate has turned from `reference` in directions that no command asks for [rad], (N,)."""
+def _upright(mechanism: Mechanism, R: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Cosine of how far the plate has turned from `reference` in directions that no command asks for, (N,)."""
     commanded = {3, 4, 5} & set(mechanism.task)
     if {3, 4} <= commanded:
-        return np.zeros(len(R))
+        return np.ones(len(R))
     if commanded:
-        return np.arccos(np.clip(np.sum(R[..., 2] * reference[..., 2], axis=-1), -1, 1))
-    trace = np.sum(R * reference, axis=(-2, -1))
-    return np.arccos(np.clip(0.5 * (trace - 1), -1, 1))
+        return rotation.dot(R[..., 2], reference[..., 2])
+    return 0.5 * (np.einsum("nij,nij->n", R, reference) - 1)
 
 
 def inverse(
@@ -261,7 +274,7 @@ def inverse(
             p[:, loose] = near.tcp(t)[:, loose]
         plate = plate_side(mechanism, k, phi, dev)
         at = close(base_side(mechanism, k, q, dev), plate, p, R, reference)
-        while count < most and np.nanmax(np.abs(at.f), initial=0.0) > tolerance:
+        while count < most and _worst(at) > tolerance:
             now = Pose(p, R, phi)
             J = np.concatenate(
                 [jacobian_actuators(mechanism, at), jacobian_state(mechanism, at, now)[..., free]], axis=-1
@@ -280,8 +293,9 @@ def inverse(
             count += 1
         R = rotation.renormalise(R)
         pose = Pose(p - (R @ t[..., None])[..., 0], R, phi)
-        status = _status(mechanism, at, pose, R0, max(tolerance, 1e-9))
-        found = Solution(q, pose, status, count, np.abs(at.f).max(axis=-1))
+        residual = np.abs(at.f).max(axis=-1)
+        status = _status(mechanism, at, residual, pose, R0, max(tolerance, 1e-9))
+        found = Solution(q, pose, status, count, residual)
         late = np.flatnonzero(found.residual > tolerance)
         if count >= max_iterations or not len(late):
             return found

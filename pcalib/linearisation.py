@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from pcalib import prediction, rotation
+from pcalib import least_squares, prediction, rotation
 from pcalib.errors import InputError
 from pcalib.measurement import Measurements
+from pcalib.mechanism import Pose
 from pcalib.model import Frame, Model
 from pcalib.prediction import Conditions, Prediction
 from pcalib.unknowns import Unknowns
@@ -20,27 +22,31 @@ class Linearisation:
 
     residual: np.ndarray
     """(M,) (measured − predicted)/σ."""
-    geometry: np.ndarray
-    """(M, n_geometry)."""
-    effects: np.ndarray
-    """(M, n_effects)."""
-    frame: np.ndarray
-    """(M, n_frame)."""
+    jacobian: np.ndarray
+    """(M, n) by geometry, effects and frame, side by side."""
+    n_geometry: int
     row: np.ndarray
     """(M,) pose of each scalar."""
     component: np.ndarray
     """(M,) 0…5 for x y z rx ry rz."""
     prediction: Prediction
+    motion: np.ndarray
+    """(N, n_state, n_geometry) of the plates about their measured points, by geometry."""
 
     @property
-    def jacobian(self) -> np.ndarray:
-        """(M, n) all columns side by side."""
-        return np.concatenate([self.geometry, self.effects, self.frame], axis=1)
+    def geometry(self) -> np.ndarray:
+        """(M, n_geometry)."""
+        return self.jacobian[:, : self.n_geometry]
 
     @property
     def nuisance(self) -> np.ndarray:
-        """(M, n_frame + n_effects) what is unknown beside the geometry."""
-        return np.concatenate([self.frame, self.effects], axis=1)
+        """(M, n_effects + n_frame) what is unknown beside the geometry."""
+        return self.jacobian[:, self.n_geometry :]
+
+    @cached_property
+    def triangle(self) -> np.ndarray:
+        """Triangular factor of [jacobian residual], at most (n + 1, n + 1): all that the M scalars say."""
+        return least_squares.triangle(self.jacobian, self.residual)
 
 
 def conditions_of(data: Measurements) -> Conditions:
@@ -48,18 +54,19 @@ def conditions_of(data: Measurements) -> Conditions:
     return Conditions(data.tool, data.payload, data.columns)
 
 
-def residuals(model: Model, data: Measurements, start: Prediction | None = None) -> tuple[np.ndarray, Prediction]:
+def residuals(model: Model, data: Measurements, start: Pose | None = None) -> tuple[np.ndarray, Prediction]:
     """Measured − predicted (N, 6) [m, rad], NaN where not measured or not reached, and the prediction.
 
     Args:
-        start: an earlier prediction, from whose poses forward kinematics starts.
+        start: poses from which forward kinematics starts.
     """
-    p = prediction.predict(model, data.q, conditions_of(data), start.pose if start is not None else None)
+    p = prediction.predict(model, data.q, conditions_of(data), start)
     error = np.full((len(data.q), 6), np.nan)
     error[:, :3] = data.position - p.position
     turned = data.mask[:, 3]
     if turned.any():
-        error[turned, 3:] = rotation.log(data.rotation[turned] @ np.swapaxes(p.rotation[turned], -1, -2))
+        rows = slice(None) if turned.all() else turned
+        error[rows, 3:] = rotation.log(data.rotation[rows] @ rotation.transposed(p.rotation[rows]))
     error[~data.mask] = np.nan
     error[p.status != "ok"] = np.nan
     return error, p
@@ -76,18 +83,22 @@ def linearise(
     error, p = at if at is not None else residuals(model, data)
     closed, JX = prediction.closure_of(model, p)
     basis = None if unknowns.level.raw and unknowns.keep.all() else unknowns.basis
-    blocks = [prediction.geometry_columns(model, p, closed, JX, basis)]
-    parts = []
+    motion = prediction.geometry_motion(model, p, closed, JX, basis)
+    blocks = [prediction.readings(model, p, motion)]
     if unknowns.n_effects:
         assert p.situation is not None
+        parts = []
         for fitted in model.effects:
             parts += prediction.unit_contributions(fitted.effect, p.situation, fitted.theta)
-    blocks.append(prediction.effect_columns(model, p, closed, JX, parts))
-    blocks.append(prediction.frame_columns(model, p) if unknowns.n_frame else np.zeros((len(error), 6, 0)))
+        blocks.append(prediction.effect_columns(model, p, closed, JX, parts))
+    if unknowns.n_frame:
+        blocks.append(prediction.frame_columns(model, p))
+    columns = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=-1)
     row, component = np.nonzero(data.mask)
     sigma = data.sigma[row, component]
-    geometry, effects, frame = (block[row, component] / sigma[:, None] for block in blocks)
-    return Linearisation(error[row, component] / sigma, geometry, effects, frame, row, component, p)
+    J = columns.reshape(6 * len(error), columns.shape[-1]).take(6 * row + component, axis=0)
+    J /= sigma[:, None]
+    return Linearisation(error[row, component] / sigma, J, unknowns.n_geometry, row, component, p, motion)
 
 
 def register(model: Model, data: Measurements) -> Frame:

@@ -6,7 +6,7 @@ so that f is an apparent rod-length error in metres).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,6 +52,10 @@ class Closure:
     """(m, 3) or (N, m, 3) [m], plate-side anchors in the plate frame, hinges applied."""
     hinges: tuple[Hinge, ...] = ()
 
+    def about(self, arm: np.ndarray) -> Closure:
+        """The same closure about a reference point that lies further by `arm` (N, 3) [m], base frame."""
+        return replace(self, r=self.r - arm[:, None])
+
 
 def base_side(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, deviation: Deviation = RIGID) -> BaseSide:
     """Base-side anchors with the deviations of effects applied."""
@@ -60,13 +64,10 @@ def base_side(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, deviation: Dev
     side = mechanism.actuation.base(k, q)
     if deviation.elbow is None and deviation.rod is None:
         return side
-    return BaseSide(
+    return replace(
+        side,
         A=side.A if deviation.elbow is None else side.A + deviation.elbow,
-        dA=side.dA,
         length=side.length if deviation.rod is None else side.length + deviation.rod,
-        dlength=side.dlength,
-        guide=side.guide,
-        dguide=side.dguide,
     )
 
 
@@ -96,7 +97,7 @@ def close(
 ) -> Closure:
     """The closure of both sides at plate positions x of the `reference` point (plate frame) and orientations R."""
     b, hinges = plate
-    r = np.matmul(b - reference, np.swapaxes(R, -1, -2))
+    r = np.matmul(b - reference, rotation.transposed(R))
     d = r + (x[:, None] - side.A)
     length = np.sqrt(d[..., 0] ** 2 + d[..., 1] ** 2 + d[..., 2] ** 2)
     n = d / length[..., None]

@@ -36,6 +36,8 @@ class BaseSide:
     """(N, m, 3) prescribed unit directions of guided rows, NaN on plain rods; None where there are none."""
     dguide: np.ndarray | None = None
     """(N, m, 3), derivative of `guide` by the rod's own actuator."""
+    frames: np.ndarray | None = None
+    """(nq, 3, 3) turn of each actuator's frame, base frame; None where it has none."""
 
 
 class Actuation(Protocol):
@@ -134,6 +136,8 @@ class Pose:
 
     def tcp(self, tool: np.ndarray) -> np.ndarray:
         """TCP positions x + R·t (N, 3) [m], for a tool (3,) or (N, 3) in the plate frame."""
+        if not np.asarray(tool).any():
+            return self.x.copy()
         return self.x + (self.R @ np.broadcast_to(tool, self.x.shape)[..., None])[..., 0]
 
     def take(self, rows: np.ndarray | slice) -> Pose:

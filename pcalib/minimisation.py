@@ -10,7 +10,7 @@ from pcalib import least_squares
 from pcalib.linearisation import Linearisation, linearise, residuals
 from pcalib.measurement import Measurements
 from pcalib.model import Model
-from pcalib.prediction import Prediction
+from pcalib.prediction import Prediction, ahead
 from pcalib.unknowns import EFFECT_PRIOR_WIDTH, Unknowns, apply, current
 
 LOSSES = ("linear", "huber", "cauchy")
@@ -34,7 +34,7 @@ _MEDIAN = 0.6745
 _SETTLED = 10
 """Steps after which the priors' scale stays what it is."""
 _STEADY = 0.05
-"""Relative change of the priors' widths below which a fit may end; they follow it to the end, whatever the start."""
+"""Relative change of the widths of effects' priors below which a fit may end."""
 _LEAST_DAMPING = 1e-12
 """Share of the largest diagonal element of JᵀJ: less is none."""
 
@@ -49,6 +49,7 @@ class State:
     R: np.ndarray
     """Triangular factor of the information in scaled unknowns."""
     linear: Linearisation
+    """Where the last step began, and what R is made of."""
     weight: np.ndarray
     """(N,) robust weights."""
     prior_scale: float
@@ -82,7 +83,7 @@ def minimise(
     low, high = unknowns.lower[chosen] / scale, unknowns.upper[chosen] / scale
     rounding = float(np.sum((ROUNDING / data.sigma[data.mask]) ** 2))
     tau, width = prior_scale or 1.0, prior[effects]
-    damping, converged, count, idle, last = 0.0, False, 0, 0, np.inf
+    damping, converged, count, idle = 0.0, False, 0, 0
 
     def widened() -> np.ndarray:
         out = prior.copy()
@@ -96,80 +97,107 @@ def minimise(
     def cost(u: np.ndarray, at: tuple[np.ndarray, Prediction]) -> float:
         if not (at[1].status == "ok").all():
             return np.inf
-        misfit = np.nansum(weight[:, None] * (at[0] / data.sigma) ** 2)
-        return float(misfit + np.sum((u / widened())[held] ** 2))
+        off = (at[0] / data.sigma)[data.mask]
+        return float(off @ (weight[linear.row] * off) + np.sum((u / widened()) ** 2))
+
+    def triangle() -> np.ndarray:
+        """All that the weighted rows say of the chosen unknowns, in units of their natural size."""
+        if loss == "linear":
+            whole = linear.triangle
+        else:
+            root = np.sqrt(weight)[linear.row]
+            whole = least_squares.triangle(linear.jacobian * root[:, None], linear.residual * root)
+        return whole[:, np.append(chosen, -1)] * np.append(scale, 1.0)
+
+    def clipped(step: np.ndarray, R: np.ndarray) -> np.ndarray:
+        return least_squares.within(R, step, low - u, high - u) if unknowns.bounded else step
+
+    def after(step: np.ndarray) -> tuple[Model, tuple[np.ndarray, Prediction]]:
+        full = np.zeros(len(unknowns.names))
+        full[chosen] = step * scale
+        moved = apply(model, unknowns, full)
+        start = ahead(model, at[1], linear.motion @ full[: unknowns.n_geometry])
+        return moved, residuals(moved, data, start)
+
+    def left_to_go(R: np.ndarray) -> np.ndarray:
+        """What the next step would be, by the slope here and the information R from where the last one began."""
+        slope = (linear.residual * weight[linear.row]) @ linear.jacobian
+        return clipped(least_squares.descend(R, slope[chosen] * scale - u / widened() ** 2), R)
 
     u, weight = position(model), robust_weights(at[0], data, loss)
     linear = linearise(model, data, unknowns, at)
+    rows = triangle()
     while True:
-        root = np.sqrt(weight)[linear.row]
-        J = linear.jacobian[:, chosen] * (scale * root[:, None])
-        largest = float(np.max(np.sum(J * J, axis=0), initial=1.0))
-        step, R = least_squares.solve(J, root * linear.residual, -u, widened(), damping * largest)
+        if prior_scale is None and len(geometric) and not damping and count < _SETTLED and np.isfinite(rows).all():
+            tau = _evidence(rows, u, widened(), geometric)
+        largest = np.max(np.sum(rows[:, :-1] ** 2, axis=0), initial=1.0) if damping else 1.0
+        step, R = least_squares.solve(rows, -u, widened(), float(damping * largest))
+        begun = linear
         if count >= max_iterations or not np.isfinite(step).all():
             break
-        if unknowns.bounded:
-            step = least_squares.within(R, step, low - u, high - u)
-        full = np.zeros(len(unknowns.names))
-        full[chosen] = step * scale
-        trial = apply(model, unknowns, full)
-        tried = residuals(trial, data, at[1])
+        step = clipped(step, R)
+        trial, tried = after(step)
         count += 1
-        if max_iterations > 1:
-            before, after = cost(u, at), cost(position(trial), tried)
-            if not after <= before + rounding + 2 * np.sqrt(before * rounding):
-                damping = max(100 * damping, _LEAST_DAMPING)
-                continue
-            idle = idle + 1 if before - after < NEGLIGIBLE * max(1.0, before / data.mask.sum()) else 0
+        if max_iterations == 1:
+            model, at, converged = trial, tried, True
+            break
+        here, there = cost(u, at), cost(position(trial), tried)
+        if not there <= here + rounding + 2 * np.sqrt(here * rounding):
+            damping = max(100 * damping, _LEAST_DAMPING)
+            continue
+        idle = idle + 1 if here - there < NEGLIGIBLE * max(1.0, here / data.mask.sum()) else 0
         model, at, u = trial, tried, position(trial)
-        # What is left to go shrinks as steps do: the next would be about (size/last)·size.
-        size = float(np.abs(step).max(initial=0.0))
-        shrink, last = min(1.0, size / last) if np.isfinite(last) else 1.0, size
-        near = shrink * size < TOLERANCE or shrink**2 * float(np.sum((R @ step) ** 2)) < _NOTHING
-        earlier = (weight, tau, width)
+        earlier = weight, width
         weight = robust_weights(at[0], data, loss)
-        if prior_scale is None and len(geometric) and not damping and count <= _SETTLED:
-            tau = _evidence(u[geometric], R, geometric, tau)
         if len(effects) and not damping and count <= _SETTLED:
             width = _widths(u[effects], least_squares.variances(R)[effects], width, prior[effects])
-        moved = np.abs(np.append(width / earlier[2], tau / earlier[1]) - 1).max()
+        moved = np.abs(width / earlier[1] - 1).max(initial=0.0)
         steady = np.abs(weight - earlier[0]).max() < 1e-3 and moved < _STEADY
-        converged = max_iterations == 1 or bool(steady and (idle >= 3 or (near and not damping)))
-        damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
-        if converged:
-            break
         linear = linearise(model, data, unknowns, at)
-    return State(model, at[0], R, linear, weight, tau, count, converged)
+        left = left_to_go(R)
+        near = np.abs(left).max(initial=0.0) < TOLERANCE or float(np.sum((R @ left) ** 2)) < _NOTHING
+        converged = bool(steady and (idle >= 3 or (near and not damping)))
+        if converged:
+            trial, tried = after(left)  # known already, and worth more digits than it costs
+            if cost(position(trial), tried) <= cost(u, at):
+                model, at = trial, tried
+            break
+        damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
+        rows = triangle()
+    return State(model, at[0], R, begun, weight, tau, count, converged)
 
 
-def _evidence(u: np.ndarray, R: np.ndarray, geometric: np.ndarray, tau: float) -> float:
+def _evidence(rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.ndarray) -> float:
     """The prior's scale τ that agrees with the geometric errors found, never below the stated tolerances.
 
     Along an eigenvector of the data's information λ the unshrunk estimate has variance τ² + 1/λ. Evidence asks that
     the shrunk ones have the size that they should have in the mean square (MacKay 1992). Where the data know many
     directions better than the drawing does, their median is asked for and not the mean: something that the model
     misses shows in a few directions, as errors of many tolerances, and must not make room for itself. Nothing here
-    depends on the τ at which `u` was found, so that τ is found at once.
+    depends on an earlier τ, so that τ is found at once.
+
+    Args:
+        rows: (·, n + 1) what the data say of a step from u.
+        prior: (n,) 1σ of the unknowns; that of geometry does not count.
     """
-    corner = R
-    if len(geometric) < len(R):
+    corner = rows
+    if len(geometric) < len(u):
         # In triangular form with the geometry last, its corner holds what the other unknowns leave of its information.
-        others = np.setdiff1d(np.arange(len(R)), geometric)
-        corner = np.asarray(np.linalg.qr(R[:, np.concatenate([others, geometric])], mode="r"))
-        corner = corner[len(others) :, len(others) :]
-    if not np.isfinite(corner).all():
-        return tau
-    information, V = np.linalg.eigh(corner.T @ corner)
-    of_data = information - 1 / tau**2
+        others = np.setdiff1d(np.arange(len(u)), geometric)
+        corner = least_squares.with_priors(rows[:, np.r_[others, geometric, -1]], -u[others], prior[others])
+        corner = np.asarray(np.linalg.qr(corner, mode="r"))[len(others) :, len(others) :]
+    J, y = corner[:, :-1], corner[:, -1]
+    of_data, V = np.linalg.eigh(J.T @ J)
     known = of_data > 1
     many = known.sum() >= _MANY
     seen = known if many else of_data > 1e-6
     if not seen.any():
         return 1.0
-    estimate = (V.T @ u)[seen] * information[seen] / of_data[seen]
+    estimate = (V.T @ (J.T @ (y + J @ u[geometric])))[seen] / of_data[seen]
     share = _SCALES[:, None] ** 2 / (_SCALES[:, None] ** 2 + 1 / of_data[seen])
     if many:
-        size = np.median(np.abs(estimate) * np.sqrt(share), axis=1) / (_MEDIAN * _SCALES)
+        shrunk = np.sort(np.abs(estimate) * np.sqrt(share), axis=1)
+        size = 0.5 * (shrunk[:, (len(estimate) - 1) // 2] + shrunk[:, len(estimate) // 2]) / (_MEDIAN * _SCALES)
     else:
         size = np.sqrt(np.sum((share * estimate) ** 2, axis=1) / np.sum(share, axis=1)) / _SCALES
     enough = np.flatnonzero(size <= 1)

@@ -58,6 +58,8 @@ class Prediction:
     """(N,) 'ok' or why not."""
     situation: Situation | None = None
     """None where the model has no effects."""
+    at: Closure | None = None
+    """The closure about the plate's origin, where kinematics left it."""
 
     @property
     def deviation(self) -> Deviation:
@@ -131,20 +133,24 @@ def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | N
         R = frame.rotation @ R
     if total.sensor is not None:
         x = x + total.sensor
-    return Prediction(x, R, q, solution.pose, tool, total, solution.status, at)
+    return Prediction(x, R, q, solution.pose, tool, total, solution.status, at, solution.at)
 
 
 def closure_of(model: Model, p: Prediction) -> tuple[Closure, np.ndarray]:
     """The closure at a prediction, about the measured point, and J_X (N, m, n_state) there."""
     mechanism = model.robot.mechanism
-    at = kinematics.closure(mechanism, model.k, p.q, p.pose, p.tool, p.deviation)
+    if p.at is None:
+        at = kinematics.closure(mechanism, model.k, p.q, p.pose, p.tool, p.deviation)
+    else:
+        at = p.at.about((p.pose.R @ p.tool[..., None])[..., 0]) if p.tool.any() else p.at
     return at, kinematics.jacobian_state(mechanism, at, p.pose)
 
 
-def geometry_columns(
+def geometry_motion(
     model: Model, p: Prediction, at: Closure, JX: np.ndarray, basis: np.ndarray | None = None
 ) -> np.ndarray:
-    """Derivative of the readings by level coordinates, (N, 6, nz), from S_C·basis (paper eq. 22).
+    """Derivative of the plate's state about the measured point by level coordinates, (N, n_state, nz): S_C·basis
+    (paper eq. 22).
 
     Without a basis the columns are those of all raw parameters.
     """
@@ -152,7 +158,25 @@ def geometry_columns(
     Jk = kinematics.jacobian_parameters(mechanism, model.k, p.q, at, p.pose, p.deviation)
     if basis is not None:
         Jk = Jk @ basis
-    return _measured(model, p, _twist(mechanism, -kinematics.invert(JX) @ Jk))
+    return -kinematics.invert(JX) @ Jk
+
+
+def readings(model: Model, p: Prediction, motion: np.ndarray) -> np.ndarray:
+    """Motions of the plate's state about the measured point (N, n_state, n) as changes of the readings (N, 6, n)."""
+    return _measured(model, p, _twist(model.robot.mechanism, motion))
+
+
+def geometry_columns(
+    model: Model, p: Prediction, at: Closure, JX: np.ndarray, basis: np.ndarray | None = None
+) -> np.ndarray:
+    """Derivative of the readings by level coordinates, (N, 6, nz); see :func:`geometry_motion`."""
+    return readings(model, p, geometry_motion(model, p, at, JX, basis))
+
+
+def ahead(model: Model, p: Prediction, motion: np.ndarray) -> Pose:
+    """The plate poses after a motion of its state about the measured point, (N, n_state)."""
+    there = kinematics.move(model.robot.mechanism, Pose(p.pose.tcp(p.tool), p.pose.R, p.pose.phi), motion)
+    return Pose(there.tcp(-p.tool), there.R, there.phi)
 
 
 def closure_change(mechanism: Mechanism, at: Closure, pose: Pose, part: Contribution) -> np.ndarray:

@@ -79,13 +79,13 @@ def _log_of_any(R: np.ndarray) -> np.ndarray:
 def left_jacobian(v: np.ndarray) -> np.ndarray:
     """J with exp(v + dv) ≈ exp(J·dv)·exp(v). (..., 3) → (..., 3, 3)."""
     v = np.asarray(v, float)
-    angle2 = np.sum(v * v, axis=-1)
+    angle2 = dot(v, v)
+    half = 0.5 * np.sqrt(angle2)
+    s = np.sin(half) / np.where(half > 0, half, 1.0) + (half == 0)
+    # (1 − cos θ)/θ² and (θ − sin θ)/θ³, the latter by series where θ is small
     small = angle2 < 1e-4
-    t2 = np.where(small, 1.0, angle2)
-    t = np.sqrt(t2)
-    # (1 − cos θ)/θ² and (θ − sin θ)/θ³, by series where θ is small
-    b = np.where(small, 0.5 - angle2 / 24 * (1 - angle2 / 30 * (1 - angle2 / 56)), (1 - np.cos(t)) / t2)
-    c = np.where(small, 1 / 6 - angle2 / 120 * (1 - angle2 / 42 * (1 - angle2 / 72)), (t - np.sin(t)) / (t2 * t))
+    series = 1 / 6 - angle2 / 120 * (1 - angle2 / 42 * (1 - angle2 / 72))
+    b, c = 0.5 * s * s, np.where(small, series, (1 - s * np.cos(half)) / np.where(small, 1.0, angle2))
     h = hat(v)
     return np.eye(3) + b[..., None, None] * h + c[..., None, None] * (h @ h)
 
@@ -137,6 +137,11 @@ def check(R: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
     return R
 
 
+def transposed(R: np.ndarray) -> np.ndarray:
+    """Rᵀ of every matrix, in memory of its own: products with it take half the time."""
+    return np.ascontiguousarray(np.swapaxes(R, -1, -2))
+
+
 def renormalise(R: np.ndarray) -> np.ndarray:
     """The nearest rotation to a product of many, by one Newton step of the polar decomposition."""
-    return 0.5 * R @ (3 * np.eye(3) - np.swapaxes(R, -1, -2) @ R)
+    return 1.5 * R - 0.5 * R @ (transposed(R) @ R)

@@ -49,7 +49,7 @@ class Unknowns:
         """Free level coordinates (n_geometry,) of raw geometric errors (nk,)."""
         return self.level.coordinates(errors)[self.keep]
 
-    @property
+    @cached_property
     def bounded(self) -> bool:
         """Whether any unknown has a bound."""
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pcalib import rotation
 from pcalib.actuation import Carriages, RotaryArms
 from pcalib.kinds import Kind, table
 from pcalib.mechanism import Level, Mechanism, Pose
@@ -123,15 +124,15 @@ def simplified_forward(
     length = k[actuation.length].reshape(3, 2).mean(axis=1)
     s1 = centre[:, 0]
     e, f = centre[:, 1] - s1, centre[:, 2] - s1
-    ge = 0.5 * (np.sum(e * e, axis=-1) + length[0] ** 2 - length[1] ** 2)
-    gf = 0.5 * (np.sum(f * f, axis=-1) + length[0] ** 2 - length[2] ** 2)
-    ee, ff, ef = np.sum(e * e, -1), np.sum(f * f, -1), np.sum(e * f, -1)
+    ee, ff, ef = rotation.dot(e, e), rotation.dot(f, f), rotation.dot(e, f)
+    ge = 0.5 * (ee + length[0] ** 2 - length[1] ** 2)
+    gf = 0.5 * (ff + length[0] ** 2 - length[2] ** 2)
     det = ee * ff - ef * ef
     with np.errstate(divide="ignore", invalid="ignore"):
         foot = ((ge * ff - gf * ef) / det)[:, None] * e + ((gf * ee - ge * ef) / det)[:, None] * f
-        normal = np.cross(e, f) / np.sqrt(det)[:, None]
+        normal = rotation.cross(e, f) / np.sqrt(det)[:, None]
         normal *= -np.sign(normal[:, 2:])
-        height = np.sqrt(length[0] ** 2 - np.sum(foot * foot, -1))
+        height = np.sqrt(length[0] ** 2 - rotation.dot(foot, foot))
     return s1 + foot + height[:, None] * normal
 
 

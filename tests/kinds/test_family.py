@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import kinds, kinematics, rotation
+from pcalib import kinds, kinematics, prediction, rotation
 from pcalib import robot as robots
 from pcalib.errors import InputError
 from pcalib.identifiability import THRESHOLD, priors, project_out
 from pcalib.mechanism import Pose
+from pcalib.model import Model
+from pcalib.prediction import Conditions
 from pcalib.workspace import reachable
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -99,6 +101,28 @@ def test_sensitivity_at_the_tool_against_forward_kinematics(name):
     numeric = central(reading, len(k))
     assert differs(S[:, :3], numeric[:, :3]) < 1e-7
     assert differs(S[:, 3:], numeric[:, 3:]) < 1e-7
+
+
+@pytest.mark.parametrize("name", [*NAMES, "planar"])
+def test_poses_ahead_are_right_to_first_order(name):
+    """Where poses go when geometry changes, told by the derivatives at hand: half the change, a quarter of the miss."""
+    robot = load(name)
+    q = reachable(robot, 8, np.random.default_rng(3)).q
+    tool = TOOL if robot.mechanism.n_state > 3 else np.zeros(3)
+    model = Model.nominal(robot).with_geometry(perturbed(name))
+    p = prediction.predict(model, q, Conditions.of(len(q), tool))
+    at, JX = prediction.closure_of(model, p)
+    fresh = kinematics.closure(robot.mechanism, model.k, q, p.pose, tool)
+    for kept, made in ((at.f, fresh.f), (at.r, fresh.r), (at.n, fresh.n), (at.side.A, fresh.side.A)):
+        assert np.abs(kept - made).max() < 1e-14
+    motion = prediction.geometry_motion(model, p, at, JX)
+    misses = []
+    for size in (0.5, 0.25):
+        step = size * (perturbed(name, 1) - robot.mechanism.nominal)
+        guess = prediction.ahead(model, p, motion @ step)
+        there = kinematics.forward(robot.mechanism, model.k + step, q, p.pose).pose
+        misses.append(max(np.abs(guess.x - there.x).max(), np.abs(guess.R - there.R).max()))
+    assert 3.5 < misses[0] / misses[1] < 4.5
 
 
 @pytest.mark.parametrize("name", NAMES)
