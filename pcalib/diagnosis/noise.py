@@ -22,6 +22,8 @@ ENOUGH_REPLICATES = 10
 """Degrees of freedom of replicates, per class of readings, from which on their scatter is the noise."""
 ENOUGH_REST = 60
 """Degrees of freedom outside all groups from which on their scatter may stand in for replicates."""
+ENOUGH_BESIDE = 20
+"""The same where it only sharpens what replicates say."""
 _CLEAR = 1.0
 """Joint repeatability is taken into account where its variance is this many of its σ above zero."""
 
@@ -161,12 +163,15 @@ def from_replicates(data: Measurements, blocks: Blocks, V: np.ndarray) -> NoiseL
     return _solve("replicates", data, blocks, normal, dof, ENOUGH_REPLICATES)
 
 
-def from_rest(data: Measurements, blocks: Blocks, Q: np.ndarray, luck: float = 0.0) -> NoiseLevel | None:
+def from_rest(
+    data: Measurements, blocks: Blocks, Q: np.ndarray, luck: float = 0.0, enough: int = ENOUGH_REST
+) -> NoiseLevel | None:
     """The level outside geometry and every group; None where too little is left over.
 
     Args:
         Q: (N, 6, d) orthonormal basis of nuisance and all groups, and of replicates that are judged by themselves.
         luck: square sum, noise units, that Q takes beyond its dimensions because it was chosen to suit the noise.
+        enough: degrees of freedom, per class of readings, below which nothing is said.
     """
     S = blocks.components()
     flat = Q.reshape(-1, Q.shape[-1])
@@ -181,7 +186,7 @@ def from_rest(data: Measurements, blocks: Blocks, Q: np.ndarray, luck: float = 0
     dof = np.array([np.sum(np.trace(S[k], axis1=1, axis2=2)) - np.trace(QSQ[k]) for k in range(2)])
     b *= 1 + luck / max(dof.sum() - luck, 1.0)
 
-    return _solve("residuals", data, blocks, lambda theta: (B, b), dof, ENOUGH_REST)
+    return _solve("residuals", data, blocks, lambda theta: (B, b), dof, enough)
 
 
 AGREE = 0.003

@@ -187,7 +187,8 @@ def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
         Q = span(np.hstack([Q, _gather(V, made.row, made.component)]), 1e-6)
     # What was chosen to suit the noise took of it in all directions alike: some outside all else.
     luck = max((group.search.luck for group in made.groups), default=0.0) * (1 - Q.shape[1] / len(made.y))
-    rest = noises.from_rest(made.data, blocks, _scatter(Q, made), luck)
+    enough = noises.ENOUGH_REST if repeated is None else noises.ENOUGH_BESIDE
+    rest = noises.from_rest(made.data, blocks, _scatter(Q, made), luck, enough)
     if repeated is not None:
         return noises.pooled(repeated, rest)
     return rest or noises.as_stated(made.data)

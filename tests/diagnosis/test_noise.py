@@ -10,6 +10,7 @@ import pytest
 from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis import outliers
 from pcalib.diagnosis.problem import problem
+from pcalib.diagnosis.screen import NUISANCE
 
 N, NQ = 60, 3
 
@@ -98,6 +99,46 @@ class TestVarianceComponents:
         far = replace(many, ratio=np.full(2, 2.0), sigma_pos=30e-6, sigma_rot=120e-6)
         assert noises.pooled(few, far) is few
         assert noises.pooled(few, None) is few
+
+    def test_replicates_and_what_is_left_share_nothing(self, data):
+        """Else their scatter would count twice, and the noise would seem better known than it is."""
+        rng = np.random.default_rng(0)
+        span = rng.standard_normal((6 * N, 100))
+        V = noises.contrasts(data, np.ones((N, 6), bool), np.zeros((N, 6, 0)))
+        both = np.linalg.qr(np.hstack([span, V.reshape(6 * N, -1)]))[0].reshape(N, 6, -1)
+        got = []
+        for s in range(150):
+            made = blocks(np.random.default_rng(s))
+            levels = noises.from_replicates(data, made, V), noises.from_rest(data, made, both, enough=20)
+            got.append([totals([level])[0, 0] ** 2 for level in levels])
+        assert abs(np.corrcoef(np.transpose(got))[0, 1]) < 0.2
+        np.testing.assert_allclose(np.mean(got, axis=0), 1.0, rtol=0.05)
+
+    def test_no_more_freedom_than_there_are_directions(self, measured):
+        data, model = measured()
+        made = problem(model, data)
+        seen = made.screen(n_draws=8)
+        assert made.noise.pooled
+        known = len(made.y) - np.linalg.matrix_rank(made.nuisance, NUISANCE) - seen.basis.shape[1]
+        assert made.noise.dof.sum() < 1.02 * known
+
+    def test_what_was_chosen_to_suit_the_noise_is_made_good(self, data):
+        """Of many directions the five that hold most are taken away: what is left looks too quiet by as much."""
+        rng = np.random.default_rng(0)
+        basis = np.linalg.qr(rng.standard_normal((6 * N, 100)))[0]
+        plain, mended = [], []
+        for s in range(100):
+            made = blocks(np.random.default_rng(s))
+            inside = (basis.T @ made.y.ravel()) ** 2
+            best = np.argsort(-inside)[:5]
+            Q = basis[:, best].reshape(N, 6, 5)
+            luck = np.mean([np.sort(np.random.default_rng(i).chisquare(1, 100))[-5:].sum() - 5 for i in range(400)])
+            for found, paid in ((plain, 0.0), (mended, float(luck))):
+                level = noises.from_rest(data, made, Q, paid)
+                assert level is not None
+                found.append(totals([level]).mean() ** 2)
+        assert np.mean(plain) < 0.97
+        np.testing.assert_allclose(np.mean(mended), 1.0, atol=0.012)
 
     def test_whitening(self):
         rng = np.random.default_rng(0)
