@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pcalib import wording
 from pcalib.identification import Accuracy, Fit
 
 
@@ -139,13 +140,6 @@ def largest_changes(fit: Fit, count: int = 6) -> list[tuple[str, str, str, str]]
     for i in np.argsort(-ratio)[:count]:
         if ratio[i] < 3:
             break
-        factor, unit = {"m": (1e6, "µm"), "rad": (1e6, "µrad"), "1": (1e6, "ppm")}[units[i]]
-        rows.append(
-            (
-                fit.unknowns.names[i],
-                f"{fit.estimate[i] * factor:+.1f} {unit}",
-                f"{sigma[i] * factor:.1f} {unit}",
-                f"{ratio[i]:.1f}",
-            )
-        )
+        change, doubt = wording.deviation(fit.estimate[i], units[i], "+"), wording.deviation(sigma[i], units[i])
+        rows.append((fit.unknowns.names[i], change, doubt, f"{ratio[i]:.1f}"))
     return rows

@@ -10,6 +10,14 @@ from pcalib.model import FittedEffect
 PARAMETER = {"m": ("mm", 1e3, 3), "rad": ("°", 180 / np.pi, 4), "1": ("", 1.0, 6)}
 """Unit, factor from SI and decimals in which a geometric parameter of unit 'm', 'rad' or '1' is shown."""
 
+DEVIATION = {"m": "µm", "rad": "µrad", "1": "ppm"}
+"""Unit in which a deviation of such a parameter is shown, a millionth."""
+
+
+def deviation(value: float, unit: str, sign: str = "-") -> str:
+    """A deviation of a geometric parameter of unit 'm', 'rad' or '1' [SI]."""
+    return f"{number(1e6 * value, 1, sign)} {DEVIATION[unit]}"
+
 
 def size(metres: float) -> str:
     """An error: µm, or mm from 1 mm on; '–' where there is none."""

@@ -105,8 +105,9 @@ def diagnose(
     made = problem(model, data, own, without=without)
     poses = len(np.unique(np.round(made.data.q, 9), axis=0))
     if len(made.y) * poses / len(made.data) <= made.nuisance.shape[1] // 2:
+        few = "1 pose leaves" if poses == 1 else f"{poses} poses leave"
         raise InputError(
-            f"{poses} pose{'s' * (poses > 1)} leave nothing to judge a model of level {model.level} by",
+            f"{few} nothing to judge a model of level {model.level} by",
             file=data.source,
             remedy="measure more poses; three times as many as the fit needs is usual",
         )

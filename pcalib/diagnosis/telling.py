@@ -14,7 +14,7 @@ from pcalib.diagnosis.patterns import CHANNELS, Cell
 from pcalib.diagnosis.steps import SURE, Step, held_out_gain
 from pcalib.diagnosis.verdict import Explanation, in_words
 from pcalib.identification import Fit
-from pcalib.wording import PARAMETER, size
+from pcalib.wording import deviation, size
 
 HOT = 0.05
 """Corrected p below which a cell of the map counts as hot."""
@@ -254,8 +254,7 @@ def step_lines(step: Step) -> list[str]:
 def change(step: Step, name: str, value: float) -> str:
     """A change of a geometric parameter with its unit."""
     mechanism = step.after.candidate.robot.mechanism
-    unit, factor, digits = PARAMETER[mechanism.units[mechanism.index(name)]]
-    return f"{value * factor:+.{digits}f} {unit}".replace("-", "−")
+    return deviation(value, mechanism.units[mechanism.index(name)], "+")
 
 
 def evidence_sentence(e: Evidence) -> str:

@@ -122,7 +122,7 @@ def test_damaged_measurements(case, cell, each_refused):
 def test_too_few_poses(cell, refused, each_refused):
     sheet = Sheet.read(cell / "data.csv")
     for rows, said in (
-        (sheet.rows[:1], "too few poses: 1 pose |1 pose leaves? nothing to judge"),
+        (sheet.rows[:1], "too few poses: 1 pose |1 pose leaves nothing to judge"),
         (sheet.rows[:5], "too few poses: 5 poses |[35] poses leave nothing to judge"),
         ([sheet.rows[0]] * 40, "rank deficient|1 pose"),
     ):
