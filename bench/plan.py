@@ -22,9 +22,10 @@ import numpy as np
 from bench.commands import REFERENCE_TEMPERATURE, TEMPERATURES, Commands
 from bench.machine import Machine
 from bench.reach import reach
-from pcalib import columns as cols
-from pcalib import measurement, plausibility, rotation
-from pcalib import table as tables
+from pcalib import rotation
+from pcalib.data import columns as cols
+from pcalib.data import measurement, plausibility
+from pcalib.data import table as tables
 from pcalib.errors import InputError, ReachError, unknown
 from pcalib.robot import Robot
 

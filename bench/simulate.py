@@ -20,8 +20,8 @@ from bench.commands import Commands, Landing
 from bench.plan import Plan
 from bench.truth import Truth
 from pcalib import units
+from pcalib.data.measurement import Measurements
 from pcalib.errors import ReachError
-from pcalib.measurement import Measurements
 
 CHUNK = 64
 """Rows per piece of work."""

@@ -18,12 +18,12 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from pcalib.compensation import Commands as Commands
     from pcalib.compensation import compensate as compensate
+    from pcalib.data.measurement import Measurements as Measurements
+    from pcalib.data.measurement import load as load_measurements
+    from pcalib.data.measurement import save as save_measurements
     from pcalib.errors import PcalibError as PcalibError
-    from pcalib.identification import Fit as Fit
-    from pcalib.identification import fit as fit
-    from pcalib.measurement import Measurements as Measurements
-    from pcalib.measurement import load as load_measurements
-    from pcalib.measurement import save as save_measurements
+    from pcalib.fitting.identification import Fit as Fit
+    from pcalib.fitting.identification import fit as fit
     from pcalib.model import Model as Model
     from pcalib.modelfile import load as load_model
     from pcalib.modelfile import save as save_model
@@ -36,19 +36,19 @@ if TYPE_CHECKING:
 _PUBLIC = {
     "Commands": ("compensation", "Commands"),
     "Conditions": ("prediction", "Conditions"),
-    "Fit": ("identification", "Fit"),
-    "Measurements": ("measurement", "Measurements"),
+    "Fit": ("fitting.identification", "Fit"),
+    "Measurements": ("data.measurement", "Measurements"),
     "Model": ("model", "Model"),
     "PcalibError": ("errors", "PcalibError"),
     "Robot": ("robot", "Robot"),
     "compensate": ("compensation", "compensate"),
-    "fit": ("identification", "fit"),
-    "load_measurements": ("measurement", "load"),
+    "fit": ("fitting.identification", "fit"),
+    "load_measurements": ("data.measurement", "load"),
     "load_model": ("modelfile", "load"),
     "load_robot": ("robot", "load"),
     "plan": ("planning", "plan"),
     "predict": ("prediction", "predict"),
-    "save_measurements": ("measurement", "save"),
+    "save_measurements": ("data.measurement", "save"),
     "save_model": ("modelfile", "save"),
 }
 __all__ = [

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import kinematics, prediction, rotation
+from pcalib import prediction, rotation
 from pcalib.effects.base import Contribution
 from pcalib.errors import InputError, unknown
-from pcalib.kinematics import Solution
-from pcalib.mechanism import Pose
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.kinematics import Solution
+from pcalib.mechanics.mechanism import Pose
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 

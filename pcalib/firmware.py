@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from pcalib import kinematics
 from pcalib.errors import InputError
+from pcalib.mechanics import kinematics
 from pcalib.model import Model
 from pcalib.robot import Robot
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pcalib.identification import Fit
+from pcalib.fitting.identification import Fit
 from pcalib.model import Model
 from pcalib.robot import Robot
 from pcalib.wording import size

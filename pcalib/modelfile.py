@@ -17,7 +17,7 @@ import tomli_w
 
 from pcalib import files, robot, rotation, units
 from pcalib.errors import EffectError, InputError, unknown
-from pcalib.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Mechanism
 from pcalib.model import FittedEffect, Frame, Model
 
 SCHEMA = "pcalib.model/1"

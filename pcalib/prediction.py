@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pcalib import kinematics, rotation, statics
+from pcalib import rotation
 from pcalib.effects.base import Contribution, Effect, Situation
-from pcalib.kinematics import Closure, Deviation
-from pcalib.mechanism import Mechanism, Pose
+from pcalib.mechanics import kinematics, statics
+from pcalib.mechanics.kinematics import Closure, Deviation
+from pcalib.mechanics.mechanism import Mechanism, Pose
 from pcalib.model import Frame, Model
 
 

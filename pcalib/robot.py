@@ -16,7 +16,7 @@ import numpy as np
 
 from pcalib import kinds, units
 from pcalib.errors import InputError, unknown
-from pcalib.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Mechanism
 
 _FORM = "see models/delta.toml for the form"
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pcalib import wording
-from pcalib.identification import Accuracy, Fit
+from pcalib.fitting.identification import Accuracy, Fit
 
 
 def _micro(value: float) -> float | None:
@@ -140,6 +140,8 @@ def largest_changes(fit: Fit, count: int = 6) -> list[tuple[str, str, str, str]]
     for i in np.argsort(-ratio)[:count]:
         if ratio[i] < 3:
             break
-        change, doubt = wording.deviation(fit.estimate[i], units[i], "+"), wording.deviation(sigma[i], units[i])
+        change, doubt = (
+            wording.deviation(float(value), units[i], sign) for value, sign in ((fit.estimate[i], "+"), (sigma[i], "-"))
+        )
         rows.append((fit.unknowns.names[i], change, doubt, f"{ratio[i]:.1f}"))
     return rows

@@ -12,7 +12,7 @@ import pytest
 
 from pcalib import planning, prediction, rotation
 from pcalib import robot as robots
-from pcalib.measurement import Measurements
+from pcalib.data.measurement import Measurements
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcalib import effects, kinematics, planning, prediction, rotation
+from pcalib import effects, planning, prediction, rotation
 from pcalib.compensation import METHODS, compensate
 from pcalib.errors import EffectError, InputError
-from pcalib.mechanism import Pose
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.mechanism import Pose
 from pcalib.model import FittedEffect, Model
 from pcalib.prediction import Conditions
 

@@ -12,10 +12,13 @@ import pytest
 
 from bench.batch import BatchMachine
 from bench.machine import Machine
-from pcalib import compensation, identification, kinematics, measurement, modelfile, rotation
-from pcalib.measurement import Measurements
+from pcalib import compensation, modelfile, rotation
+from pcalib.data import measurement
+from pcalib.data.measurement import Measurements
+from pcalib.fitting import identification
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.workspace import reachable
 from pcalib.model import Frame, Model
-from pcalib.workspace import reachable
 
 TOOLS = np.array([[0, 0, 0], [0, 0, -0.1], [0, 0, -0.3], [0.05, -0.08, -0.2]])
 LEVEL = np.eye(3)

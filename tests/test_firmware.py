@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import firmware, kinematics
+from pcalib import firmware
 from pcalib import robot as robots
 from pcalib.errors import InputError
+from pcalib.mechanics import kinematics
 from pcalib.model import Model
 
 MODELS = Path(__file__).parents[1] / "models"

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pcalib import inspection, measurement, robot, targets
+from pcalib import robot
 from pcalib.cli import main
+from pcalib.data import inspection, measurement, targets
 from pcalib.errors import InputError
 
 MODELS = Path(__file__).resolve().parents[1] / "models"

@@ -9,10 +9,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pcalib import crossvalidation, firmware, identification, importers, kinematics, measurement, rotation, trust
+from pcalib import firmware, importers, rotation
 from pcalib import robot as robots
 from pcalib.cli import main
+from pcalib.data import measurement
 from pcalib.errors import FitError, InputError
+from pcalib.fitting import crossvalidation, identification, trust
+from pcalib.mechanics import kinematics
 
 DATA = Path(__file__).parents[1] / ".." / "shared" / "data"
 STEPS, CAPTURE = DATA / "linear_delta41" / "steps.csv", DATA / "hexapod108" / "measurements.csv"
@@ -281,8 +284,8 @@ def test_commands_of_a_platform_go_out_in_revolutions(tmp_path):
     assert main(["plan", "--robot", str(tmp_path / "r.toml"), "-n", "10", "-o", str(plan)]) == 0
     assert "q1_rev,q2_rev" in plan.read_text()
     from pcalib import modelfile
+    from pcalib.data.targets import load_commands
     from pcalib.model import Model
-    from pcalib.targets import load_commands
 
     modelfile.save(tmp_path / "m.toml", Model.nominal(robot), {})
     targets.write_text("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n10,20,460,3,-2,5\n0,0,450,0,0,0\n")

@@ -11,8 +11,9 @@ import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pcalib import effects, identification, modelfile, rotation, summary
+from pcalib import effects, modelfile, rotation, summary
 from pcalib.errors import EffectError, InputError, PcalibError
+from pcalib.fitting import identification
 from pcalib.model import FittedEffect, Frame, Model
 
 FRAME = Frame(rotation.exp(np.array([0.3, -0.5, 2.6])), np.array([2.5, -1.0, 0.8]), np.array([3e-3, -4e-3, 2e-3]))

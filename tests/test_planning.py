@@ -7,9 +7,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from pcalib import kinematics, planning
+from pcalib import planning
 from pcalib.errors import InputError, ReachError
-from pcalib.identifiability import priors
+from pcalib.fitting.identifiability import priors
+from pcalib.mechanics import kinematics
 from pcalib.robot import parse
 
 SIGMA = np.array([*[2e-5] * 3, *[np.radians(0.005)] * 3])

@@ -52,8 +52,9 @@ def command(
     from bench import plan as plans
     from bench import simulate
     from bench import truth as truths
-    from pcalib import files, measurement, units
+    from pcalib import files, units
     from pcalib.cli import frame
+    from pcalib.data import measurement
     from pcalib.errors import InputError
 
     def quantities(texts: tuple[str, ...], dimension: str, size: int, option: str) -> list[np.ndarray]:

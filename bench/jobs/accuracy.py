@@ -14,12 +14,14 @@ import numpy as np
 
 from bench.batch import BatchMachine
 from bench.jobs.demo import RUNGS, Rung
-from pcalib import compensation, grid, identification, kinematics, planning, rotation
+from pcalib import compensation, planning, rotation
+from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError, ReachError, unknown
-from pcalib.measurement import Measurements
+from pcalib.fitting import identification
+from pcalib.mechanics import grid, kinematics
+from pcalib.mechanics.workspace import allowed, reachable
 from pcalib.model import Model
 from pcalib.robot import Robot, Workspace
-from pcalib.workspace import allowed, reachable
 
 DEGREE = np.pi / 180
 TOOLS = (0.0, 0.1, 0.3)

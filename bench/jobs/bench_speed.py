@@ -21,9 +21,9 @@ from bench.faults import Fault
 from bench.instrument import Instrument
 from bench.machine import Machine
 from bench.truth import Truth
-from pcalib import measurement
 from pcalib import robot as robots
 from pcalib.cli import frame
+from pcalib.data import measurement
 from pcalib.errors import InputError
 from pcalib.robot import Robot
 

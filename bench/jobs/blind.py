@@ -24,10 +24,11 @@ from bench.jobs.hidden.catalogue import CATALOGUE, Hidden
 from bench.jobs.hidden.design import DESIGNS
 from bench.jobs.hidden.grading import SLACK, Facts
 from bench.jobs.hidden.stage import Stage, suits
-from pcalib import files, measurement
+from pcalib import files
 from pcalib import robot as robots
+from pcalib.data import measurement
+from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
-from pcalib.measurement import Measurements
 from pcalib.robot import Robot
 
 SCHEMA = "pcbench.sealed/1"

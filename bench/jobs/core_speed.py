@@ -19,14 +19,16 @@ from bench.batch import BatchMachine
 from bench.jobs import peer_sysid
 from bench.jobs.accuracy import Conditions, draw, measure, random_poses
 from bench.jobs.bench_speed import median
-from pcalib import compensation, identification, kinematics
+from pcalib import compensation
 from pcalib import robot as robots
 from pcalib.cli import frame
+from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
-from pcalib.measurement import Measurements
+from pcalib.fitting import identification
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.workspace import reachable
 from pcalib.model import Model
 from pcalib.robot import Robot
-from pcalib.workspace import reachable
 
 ROOT = Path(__file__).resolve().parents[2]
 FIT_MS, FORWARD_US, EXACT_US, FIRST_US, IMPORT_S, HELP_S = 10.0, 8.0, 12.0, 3.0, 0.25, 0.5

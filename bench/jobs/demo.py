@@ -22,15 +22,18 @@ from bench.instrument import Instrument
 from bench.machine import Machine
 from bench.plan import Plan
 from bench.truth import Truth
-from pcalib import compensation, files, grid, identification, measurement, modelfile, planning, summary
+from pcalib import compensation, files, modelfile, planning, summary
 from pcalib import ladder as ladders
 from pcalib.cli import frame
-from pcalib.identification import Fit
+from pcalib.data import measurement
+from pcalib.data.measurement import Measurements
+from pcalib.fitting import identification
+from pcalib.fitting.identification import Fit
 from pcalib.ladder import ErrorMap, Ladder, Step
-from pcalib.measurement import Measurements
+from pcalib.mechanics import grid
+from pcalib.mechanics.workspace import reachable
 from pcalib.model import Model
 from pcalib.robot import Robot
-from pcalib.workspace import reachable
 
 DEGREE = np.pi / 180
 

@@ -9,7 +9,8 @@ import numpy as np
 from bench import plan as plans
 from bench.commands import Commands
 from bench.instrument import Instrument
-from pcalib import measurement, planning
+from pcalib import planning
+from pcalib.data import measurement
 from pcalib.robot import Robot
 
 CANDIDATES = 600

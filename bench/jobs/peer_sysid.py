@@ -22,10 +22,11 @@ import numpy as np
 from bench import kinds
 from bench.geometry import Geometry
 from bench.machine import Machine
-from pcalib import kinematics, rotation
-from pcalib.identifiability import priors
-from pcalib.measurement import Measurements
-from pcalib.mechanism import Pose
+from pcalib import rotation
+from pcalib.data.measurement import Measurements
+from pcalib.fitting.identifiability import priors
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.mechanism import Pose
 from pcalib.robot import Robot
 
 RANGE = 50.0

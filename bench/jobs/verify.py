@@ -12,9 +12,11 @@ from bench import truth as truths
 from bench.commands import REFERENCE_TEMPERATURE, TEMPERATURES, Commands
 from bench.jobs import iso9283
 from bench.truth import Truth
-from pcalib import compensation, grid, modelfile, targets
+from pcalib import compensation, modelfile
+from pcalib.data import targets
 from pcalib.errors import InputError, ReachError
 from pcalib.ladder import tool_label
+from pcalib.mechanics import grid
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot

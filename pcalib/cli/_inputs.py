@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from pcalib.data.measurement import Measurements
 from pcalib.effects.base import Effect
-from pcalib.measurement import Measurements
 from pcalib.model import Model
 
 ModelOption = Annotated[Path, Parameter(name=["--model", "-m"], help="Model file, as 'pcalib fit' writes it.")]
@@ -27,7 +27,9 @@ def read(model: Path, data: Path, effect_files: tuple[str, ...]) -> tuple[Model,
     Raises:
         InputError: the data cannot be compared with the model: mixed-up columns, commands that it cannot take.
     """
-    from pcalib import effects, measurement, modelfile, sufficiency
+    from pcalib import effects, modelfile
+    from pcalib.data import measurement
+    from pcalib.fitting import sufficiency
 
     calibrated = modelfile.load(model, effect_files)
     measured = measurement.load(data, calibrated.robot)

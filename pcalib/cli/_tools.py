@@ -37,8 +37,8 @@ def require_tool(robot: Robot, tool: np.ndarray, said: str) -> None:
     Raises:
         InputError: it is several times longer than the robot is large.
     """
+    from pcalib.data.plausibility import too_long
     from pcalib.errors import InputError
-    from pcalib.plausibility import too_long
 
     if too_long(robot, tool):
         raise InputError(f"{said}: longer than the robot is large", remedy="check its unit")

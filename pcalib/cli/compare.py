@@ -13,7 +13,7 @@ from pcalib.cli._inputs import EffectFiles, ModelOption
 from pcalib.cli.frame import BesideOption, JsonOption, say, show_table, write_json
 
 if TYPE_CHECKING:
-    from pcalib.identification import Accuracy
+    from pcalib.fitting.identification import Accuracy
 
 
 def command(

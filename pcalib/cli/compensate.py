@@ -41,9 +41,9 @@ def command(
     """
     from pcalib import compensation, effects, modelfile
     from pcalib.cli._tools import require_tool
+    from pcalib.data.targets import load_targets, save_commands
     from pcalib.errors import InputError
     from pcalib.prediction import Conditions
-    from pcalib.targets import load_targets, save_commands
 
     calibrated = modelfile.load(model, effect_file)
     if tool is not None:

@@ -18,8 +18,8 @@ import numpy as np
 from pcalib.cli.frame import JsonOption, OutputOption, progress, quantity, say, show_table, write_json
 
 if TYPE_CHECKING:
-    from pcalib.identification import Fit
-    from pcalib.measurement import Measurements
+    from pcalib.data.measurement import Measurements
+    from pcalib.fitting.identification import Fit
     from pcalib.model import FittedEffect
     from pcalib.robot import Robot
 
@@ -60,9 +60,11 @@ def command(
         angle_tolerance: 1σ manufacturing prior of angles; 0.05deg when absent.
         folds: Cross-validate too: fit this many times without a part of the rows, which is predicted.
     """
-    from pcalib import crossvalidation, identification, measurement, modelfile, summary, trust
+    from pcalib import modelfile, summary
     from pcalib import robot as robots
+    from pcalib.data import measurement
     from pcalib.diagnosis import visibility
+    from pcalib.fitting import crossvalidation, identification, trust
     from pcalib.model import Model
 
     described = robots.load(robot)

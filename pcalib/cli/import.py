@@ -35,7 +35,8 @@ def command(
         robot_output: Robot file to write: the robot as drawn or configured.
         set: NAME=VALUE with its unit, for what the file does not hold, e.g. rod=288mm; may be given several times.
     """
-    from pcalib import files, importers, measurement
+    from pcalib import files, importers
+    from pcalib.data import measurement
     from pcalib.errors import InputError
 
     importer = importers.get(form)

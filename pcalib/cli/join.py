@@ -17,8 +17,8 @@ def command(*data: Path, output: RequiredOutput) -> int | None:
         data: Measurement files, in order.
         output: File to write, CSV or Parquet.
     """
-    from pcalib import measurement
-    from pcalib.joining import join
+    from pcalib.data import measurement
+    from pcalib.data.joining import join
 
     parts = [measurement.load(path) for path in data]
     joined = join(parts)

@@ -88,7 +88,7 @@ def command(
         },
     )  # fmt: skip
     if output is not None:
-        from pcalib import table
+        from pcalib.data import table
 
         table.write(output, columns, {"robot": calibrated.robot.name})
         say(f"{len(found.q)} rows written to {output}.")

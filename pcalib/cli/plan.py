@@ -45,9 +45,11 @@ def command(
         level: Geometry level that is to be identified.
         seed: Of the candidate poses.
     """
-    from pcalib import kinematics, planning, table, units
+    from pcalib import planning, units
     from pcalib import robot as robots
+    from pcalib.data import table
     from pcalib.errors import InputError, unknown
+    from pcalib.mechanics import kinematics
 
     if n < 1:
         raise InputError(f"--poses {n} make no plan", remedy="ask for one at least")

@@ -8,7 +8,7 @@ import numpy as np
 
 from pcalib import prediction
 from pcalib.effects.base import Contribution, Situation
-from pcalib.kinematics import Closure
+from pcalib.mechanics.kinematics import Closure
 from pcalib.model import Model
 from pcalib.prediction import Conditions, Prediction
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcalib import linearisation
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.misfit import Misfit, misfit
 from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem
 from pcalib.effects.base import Effect
-from pcalib.identification import Accuracy, accuracy
-from pcalib.measurement import Measurements
+from pcalib.fitting import linearisation
+from pcalib.fitting.identification import Accuracy, accuracy
 from pcalib.model import Model
 
 N_DRAWS = 1024

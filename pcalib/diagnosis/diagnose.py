@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import identification, linearisation
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy, limits
 from pcalib.diagnosis.adequacy import ALPHA, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
@@ -19,7 +19,7 @@ from pcalib.diagnosis.screen import Screen
 from pcalib.diagnosis.verdict import Explanation, decide, refuted
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
-from pcalib.measurement import Measurements
+from pcalib.fitting import identification, linearisation
 from pcalib.model import FittedEffect, Model
 
 N_DRAWS = 4096

@@ -16,15 +16,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import effects, linearisation, prediction, units
+from pcalib import effects, prediction, units
 from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.problem import Problem
 from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, InputError
+from pcalib.fitting import linearisation
+from pcalib.fitting.unknowns import Unknowns, unknowns_of
+from pcalib.mechanics.workspace import reachable
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot
-from pcalib.unknowns import Unknowns, unknowns_of
-from pcalib.workspace import reachable
 
 ENOUGH = 5.0
 """s, noise units: from about here on rivals are told apart nine times out of ten."""

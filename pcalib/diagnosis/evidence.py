@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcalib import effects, identification
+from pcalib import effects
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.candidates import Candidate, richer_levels
 from pcalib.diagnosis.compare import noise_of
@@ -15,8 +16,8 @@ from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible, wi
 from pcalib.diagnosis.screen import Screen
 from pcalib.effects.base import Effect, Situation
 from pcalib.errors import EffectError, FitError, InputError, unknown
-from pcalib.identification import Fit
-from pcalib.measurement import Measurements
+from pcalib.fitting import identification
+from pcalib.fitting.identification import Fit
 from pcalib.model import FittedEffect, Model
 
 

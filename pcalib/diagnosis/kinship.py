@@ -9,10 +9,10 @@ from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.screen import project_out, span
 from pcalib.effects.base import Effect
 from pcalib.effects.user import trial
+from pcalib.fitting.unknowns import unknowns_of
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot
-from pcalib.unknowns import unknowns_of
 
 SAME = 0.02
 """Share of an effect's signal below which what lies outside another's span is nothing."""

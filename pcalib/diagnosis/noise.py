@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import replicates
-from pcalib.measurement import Measurements
+from pcalib.data import replicates
+from pcalib.data.measurement import Measurements
 
 ENOUGH_REPLICATES = 10
 """Degrees of freedom of replicates, per class of readings, from which on their scatter is the noise."""

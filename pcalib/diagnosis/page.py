@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from pcalib import report
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import figures, telling
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis
-from pcalib.measurement import Measurements
 from pcalib.model import Model
 from pcalib.report import Bullets, Facts, Figure, Page, Section, Table, Text
 from pcalib.report.page import versions

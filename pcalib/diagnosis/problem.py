@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pcalib import linearisation
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis import outliers
 from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates, level_columns, richer_levels
@@ -19,9 +19,9 @@ from pcalib.diagnosis.patterns import Pattern, patterns, ripple
 from pcalib.diagnosis.ripple import scanned
 from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, screen, span
 from pcalib.effects.base import Effect
-from pcalib.measurement import Measurements
+from pcalib.fitting import linearisation
+from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.model import Model
-from pcalib.unknowns import Unknowns, unknowns_of
 
 
 @dataclass(frozen=True)

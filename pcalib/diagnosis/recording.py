@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pcalib import linearisation, modelfile, view
+from pcalib import modelfile, view
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import telling
 from pcalib.diagnosis.diagnose import Diagnosis, diagnose
 from pcalib.diagnosis.evidence import by_variable_of
 from pcalib.effects.base import Effect
 from pcalib.errors import InputError
+from pcalib.fitting import linearisation
 from pcalib.ladder import Candidate, ErrorMap, Ladder, Scatter, Step
-from pcalib.measurement import Measurements
 from pcalib.model import Model
 
 N_DRAWS = 1024

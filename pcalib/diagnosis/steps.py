@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import effects, identification
+from pcalib import effects
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.candidates import richer_levels
 from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, unknown
-from pcalib.identification import METHODS, Fit
-from pcalib.measurement import Measurements
+from pcalib.fitting import identification
+from pcalib.fitting.identification import METHODS, Fit
 from pcalib.model import FittedEffect, Model
 
 SURE = 2.0

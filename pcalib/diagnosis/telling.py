@@ -13,7 +13,7 @@ from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import CHANNELS, Cell
 from pcalib.diagnosis.steps import SURE, Step, held_out_gain
 from pcalib.diagnosis.verdict import Explanation, in_words
-from pcalib.identification import Fit
+from pcalib.fitting.identification import Fit
 from pcalib.wording import deviation, size
 
 HOT = 0.05

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.problem import problem
 from pcalib.effects.base import Effect
-from pcalib.measurement import Measurements
 from pcalib.model import Model
 
 FAINT = 0.05

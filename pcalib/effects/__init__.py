@@ -16,7 +16,7 @@ import numpy as np
 from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
 from pcalib.effects.library import LibraryEffect, Places
 from pcalib.errors import EffectError, unknown
-from pcalib.mechanism import Pose
+from pcalib.mechanics.mechanism import Pose
 from pcalib.robot import Robot
 
 __all__ = [
@@ -166,7 +166,7 @@ def situation(
         columns: (N,) arrays in SI by name without unit.
         position: (N, 3) [m] measured point in the measuring frame; the TCP in the base frame when absent.
     """
-    from pcalib import statics
+    from pcalib.mechanics import statics
 
     q = np.atleast_2d(np.asarray(q, float))
     tool = np.broadcast_to(np.asarray(tool, float), pose.x.shape)

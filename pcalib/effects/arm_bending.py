@@ -9,7 +9,7 @@ import numpy as np
 from pcalib import rotation
 from pcalib.effects.base import EffectParameter, Situation
 from pcalib.effects.library import PlacedEffect, motor_axes, pivots, stiffness, unsuited_without_arms
-from pcalib.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Mechanism
 
 
 class ArmBending(PlacedEffect):

@@ -14,8 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from pcalib.errors import EffectError
-from pcalib.kinematics import Deviation
-from pcalib.mechanism import BaseSide, Pose
+from pcalib.mechanics.kinematics import Deviation
+from pcalib.mechanics.mechanism import BaseSide, Pose
 from pcalib.robot import Robot
 
 
@@ -112,7 +112,7 @@ class Situation:
 
     def under(self, gravity: np.ndarray) -> Situation:
         """The same poses with another gravity vector (3,) [m/s²] and the loads that it makes."""
-        from pcalib import statics
+        from pcalib.mechanics import statics
 
         loads = statics.loads(self.robot, self.k, self.q, self.pose, self.tool, self.payload, gravity=gravity)
         return replace(self, tension=loads.tension, torque=loads.torque, gravity=np.asarray(gravity, float))

@@ -8,7 +8,7 @@ import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
 from pcalib.effects.library import PlacedEffect, amplitude, harmonics, unsuited_without_angles
-from pcalib.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Mechanism
 
 
 class EncoderOvality(PlacedEffect):

@@ -16,7 +16,7 @@ import numpy as np
 from pcalib import rotation, units
 from pcalib.effects.base import Contribution, EffectParameter, Situation
 from pcalib.errors import EffectError
-from pcalib.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Mechanism
 
 
 @dataclass(frozen=True)

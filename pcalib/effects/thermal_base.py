@@ -8,7 +8,7 @@ import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
 from pcalib.effects.library import PlacedEffect, pivots
-from pcalib.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Mechanism
 
 REFERENCE = 20.0
 """[°C] temperature that dimensions are stated for."""

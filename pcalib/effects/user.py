@@ -20,7 +20,7 @@ import numpy as np
 from pcalib import files, units
 from pcalib.effects.base import Contribution, EffectParameter, Situation
 from pcalib.errors import EffectError, InputError, unknown
-from pcalib.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Mechanism
 from pcalib.robot import Robot
 
 TEMPLATE = '''"""{title}: say here what happens, in one line."""
@@ -289,7 +289,7 @@ def _linear(effect: UserEffect, at: Situation, a: np.ndarray, b: np.ndarray) -> 
 def trial(robot: Robot, needs: tuple[str, ...] = (), n: int = 9) -> Situation:
     """Some poses of a robot with tools, payloads and made-up values of every column, to try an effect on."""
     from pcalib import effects
-    from pcalib.workspace import reachable
+    from pcalib.mechanics.workspace import reachable
 
     rng = np.random.default_rng(7)
     found = reachable(robot, n, rng)

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from pcalib import units
+from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError, unknown
-from pcalib.measurement import Measurements
 from pcalib.robot import Robot
 
 

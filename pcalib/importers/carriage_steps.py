@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from pcalib import robot as robots
+from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 from pcalib.files import read_text
 from pcalib.importers import Imported, Importer, Option
-from pcalib.measurement import Measurements
 
 _ROBOT = """\
 # A linear Delta printer as its firmware is configured: the base plane is the bed, C the nozzle.

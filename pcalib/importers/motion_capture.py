@@ -18,9 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from pcalib import robot as robots
-from pcalib import rotation, table
+from pcalib import rotation
+from pcalib.data import table
+from pcalib.data.measurement import Measurements
 from pcalib.importers import Imported, Importer, Option
-from pcalib.measurement import Measurements
 
 LEGS = tuple(f"leg_length_{i}" for i in range(1, 7))
 POSITION = tuple(f"position_{c}" for c in "xyz")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pcalib.errors import InputError, unknown
-from pcalib.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Mechanism
 
 
 @dataclass(frozen=True)

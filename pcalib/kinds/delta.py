@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from pcalib import rotation
-from pcalib.actuation import Carriages, RotaryArms
 from pcalib.kinds import Kind, table
-from pcalib.mechanism import Level, Mechanism, Pose
+from pcalib.mechanics.actuation import Carriages, RotaryArms
+from pcalib.mechanics.mechanism import Level, Mechanism, Pose
 
 _AXES = "xyz"
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.actuation import RotaryArms
 from pcalib.kinds import Kind, table
-from pcalib.layout import Block, Layout, arm_columns
-from pcalib.mechanism import HingeColumns, Mechanism, Pose
+from pcalib.mechanics.actuation import RotaryArms
+from pcalib.mechanics.layout import Block, Layout, arm_columns
+from pcalib.mechanics.mechanism import HingeColumns, Mechanism, Pose
 
 ARMS = ("1", "2", "3", "4")
 PAIRS = tuple(f"{i}{j}" for i in ARMS for j in "12")

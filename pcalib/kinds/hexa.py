@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.actuation import RotaryArms
 from pcalib.kinds import Kind, table
 from pcalib.kinds.delta import simplified_pose
-from pcalib.layout import Block, Layout, arm_columns
-from pcalib.mechanism import Mechanism
+from pcalib.mechanics.actuation import RotaryArms
+from pcalib.mechanics.layout import Block, Layout, arm_columns
+from pcalib.mechanics.mechanism import Mechanism
 
 ARMS = ("1", "2", "3", "4", "5", "6")
 

@@ -14,8 +14,8 @@ import numpy as np
 from pcalib import rotation
 from pcalib.kinds import Kind, table
 from pcalib.kinds.hexa import ARMS, arms, six_arms
-from pcalib.layout import Block, Layout
-from pcalib.mechanism import Mechanism, Pose
+from pcalib.mechanics.layout import Block, Layout
+from pcalib.mechanics.mechanism import Mechanism, Pose
 
 POINT = np.array([0, 0, 0, 1, 1, 2])
 """Which of the three plate points each rod meets."""

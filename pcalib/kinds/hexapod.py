@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.actuation import Legs
 from pcalib.kinds import Kind, table
-from pcalib.layout import Block, Layout
-from pcalib.mechanism import Mechanism, Pose
+from pcalib.mechanics.actuation import Legs
+from pcalib.mechanics.layout import Block, Layout
+from pcalib.mechanics.mechanism import Mechanism, Pose
 
 LEGS = ("1", "2", "3", "4", "5", "6")
 

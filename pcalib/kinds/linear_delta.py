@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.actuation import Carriages
 from pcalib.kinds import Kind, table
 from pcalib.kinds.delta import simplified_pose
-from pcalib.layout import Block, Layout, along
-from pcalib.mechanism import Level, Mechanism
+from pcalib.mechanics.actuation import Carriages
+from pcalib.mechanics.layout import Block, Layout, along
+from pcalib.mechanics.mechanism import Level, Mechanism
 
 TOWERS = ("1", "2", "3")
 PAIRS = tuple(f"{i}{j}" for i in TOWERS for j in "12")

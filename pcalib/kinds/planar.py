@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from pcalib.kinds import Kind
-from pcalib.mechanism import BaseSide, Level, Mechanism, Pose
+from pcalib.mechanics.mechanism import BaseSide, Level, Mechanism, Pose
 
 PARAMETERS = ("q0", "a1x", "a2x", "a2y", "b1x", "b2x", "b2y", "l1", "l2")
 """k_C in the paper's order (eqs 39–40)."""

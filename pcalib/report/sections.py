@@ -8,8 +8,8 @@ import numpy as np
 
 from pcalib import ladder as ladders
 from pcalib import wording
-from pcalib.identifiability import priors
-from pcalib.identification import Fit
+from pcalib.fitting.identifiability import priors
+from pcalib.fitting.identification import Fit
 from pcalib.ladder import Ladder
 from pcalib.report import figures
 from pcalib.report.page import Block, Bullets, Figure, Section, Table, Text

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcalib import compensation, grid, modelfile, prediction
+from pcalib import compensation, modelfile, prediction
 from pcalib.ladder import ErrorMap, Ladder, Step
+from pcalib.mechanics import grid
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 from pcalib.view.skeleton import upwards

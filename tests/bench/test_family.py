@@ -7,9 +7,10 @@ import pytest
 
 from bench.kinds import MODELS
 from bench.machine import Machine
-from pcalib import kinematics, rotation
 from pcalib import robot as robots
-from pcalib.workspace import reachable
+from pcalib import rotation
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.workspace import reachable
 
 NAMES = sorted(path.stem for path in MODELS.glob("*.toml") if path.stem != "delta")
 TOOL = np.array([0.02, -0.01, -0.3])

@@ -7,11 +7,13 @@ import pytest
 
 from bench.kinds import MODELS
 from bench.machine import Machine
-from pcalib import compensation, identification, kinematics, rotation
+from pcalib import compensation, rotation
 from pcalib import robot as robots
-from pcalib.identifiability import priors
-from pcalib.measurement import Measurements
-from pcalib.workspace import reachable
+from pcalib.data.measurement import Measurements
+from pcalib.fitting import identification
+from pcalib.fitting.identifiability import priors
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.workspace import reachable
 
 NAMES = sorted(path.stem for path in MODELS.glob("*.toml") if path.stem != "delta")
 TOOL = np.array([0.02, -0.01, -0.15])

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from bench import kinds
 from bench.kinds import MODELS
 from bench.machine import Machine, parameter_vector
-from pcalib import kinematics, rotation
 from pcalib import robot as robots
+from pcalib import rotation
 from pcalib.errors import InputError, ReachError
+from pcalib.mechanics import kinematics
 
 ROBOT = robots.load(MODELS / "delta.toml")
 MECHANISM = ROBOT.mechanism

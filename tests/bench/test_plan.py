@@ -7,9 +7,10 @@ from bench import plan as plans
 from bench.kinds import MODELS
 from bench.machine import Machine
 from bench.reach import reach
-from pcalib import kinematics, rotation
 from pcalib import robot as robots
+from pcalib import rotation
 from pcalib.errors import InputError, ReachError
+from pcalib.mechanics import kinematics
 
 ROBOT = robots.load(MODELS / "delta.toml")
 SPACE = ROBOT.workspace

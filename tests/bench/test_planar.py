@@ -7,8 +7,8 @@ from bench import faults
 from bench.commands import Commands
 from bench.kinds import MODELS
 from bench.machine import Machine
-from pcalib import planar_closed_form as paper
 from pcalib import robot as robots
+from pcalib.mechanics import planar_closed_form as paper
 
 ROBOT = robots.load(MODELS / "planar.toml")
 MECHANISM = ROBOT.mechanism

@@ -13,7 +13,8 @@ from bench import truth as truths
 from bench.cli import main
 from bench.kinds import MODELS
 from bench.machine import Machine
-from pcalib import measurement, rotation
+from pcalib import rotation
+from pcalib.data import measurement
 from pcalib.errors import ReachError
 
 TRUTH = f"""robot = "{MODELS / "delta.toml"}"

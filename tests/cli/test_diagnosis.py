@@ -12,9 +12,10 @@ from bench import faults, simulate
 from bench import plan as plans
 from bench import truth as truths
 from bench.instrument import Instrument
-from pcalib import measurement, modelfile
+from pcalib import modelfile
 from pcalib import robot as robots
 from pcalib.cli import main
+from pcalib.data import measurement
 
 ROBOT_FILE = Path(__file__).parents[2] / "models" / "delta.toml"
 

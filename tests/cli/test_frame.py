@@ -195,7 +195,7 @@ def test_python_dash_m():
 @pytest.mark.parametrize(("module", "forbidden"), [
     ("pcalib", "numpy scipy cyclopts rich"),
     ("pcalib.cli", "numpy scipy matplotlib pyarrow rerun"),
-    ("pcalib.measurement", "scipy matplotlib pyarrow rerun cyclopts"),
+    ("pcalib.data.measurement", "scipy matplotlib pyarrow rerun cyclopts"),
 ])  # fmt: skip
 def test_imports_stay_light(module, forbidden):
     code = f"import sys, {module}; sys.exit(str([m for m in {forbidden.split()} if m in sys.modules] or 0))"

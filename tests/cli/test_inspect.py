@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import kinematics, planning, robot
-from pcalib.measurement import Measurements, save
+from pcalib import planning, robot
+from pcalib.data.measurement import Measurements, save
+from pcalib.mechanics import kinematics
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = ROOT / "models" / "delta.toml"
@@ -54,7 +55,7 @@ def test_a_table_and_json(file, tmp_path):
 
 def test_without_a_robot_and_as_parquet(file, tmp_path):
     assert pcalib("inspect", file).returncode == 0
-    from pcalib.measurement import load
+    from pcalib.data.measurement import load
 
     save(tmp_path / "data.parquet", load(file))
     assert pcalib("inspect", tmp_path / "data.parquet", "--robot", ROBOT).returncode == 0

@@ -12,9 +12,9 @@ from bench import faults, simulate
 from bench import plan as plans
 from bench import truth as truths
 from bench.instrument import Instrument
-from pcalib import identification
 from pcalib import robot as robots
-from pcalib.measurement import Measurements
+from pcalib.data.measurement import Measurements
+from pcalib.fitting import identification
 from pcalib.model import Model
 
 ROBOT = robots.load(Path(__file__).parents[2] / "models" / "delta.toml")

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcalib import identification
 from pcalib.diagnosis import results, telling
 from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.evidence import evidence
@@ -17,7 +16,8 @@ from pcalib.diagnosis.steps import add, drop
 from pcalib.diagnosis.visibility import visibility
 from pcalib.effects import get, parse
 from pcalib.errors import EffectError
-from pcalib.linearisation import residuals
+from pcalib.fitting import identification
+from pcalib.fitting.linearisation import residuals
 from pcalib.model import FittedEffect, Model
 
 KEYS = {"schema", "verdict", "established", "adequate", "refuted", "candidates", "noise", "misfit", "heatmap", "next"}

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcalib import linearisation, prediction
+from pcalib import prediction
 from pcalib.diagnosis.candidates import candidates, richer_levels
 from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.patterns import legendre, patterns
+from pcalib.fitting import linearisation
 from pcalib.model import FittedEffect
 
 

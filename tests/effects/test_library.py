@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcalib import effects, kinematics, rotation, statics, units
+from pcalib import effects, rotation, units
 from pcalib import robot as robots
 from pcalib.effects.base import Contribution
 from pcalib.errors import EffectError
-from pcalib.mechanism import Pose
+from pcalib.mechanics import kinematics, statics
+from pcalib.mechanics.mechanism import Pose
 
 ROBOT = robots.load(Path(__file__).parents[2] / "models" / "delta.toml")
 CONTRACT = [

@@ -21,8 +21,8 @@ from bench.jobs.accuracy import (
     study,
 )  # fmt: skip
 from bench.jobs.demo import RUNGS
-from pcalib import kinematics
 from pcalib.errors import InputError
+from pcalib.mechanics import kinematics
 from pcalib.model import Model
 
 FEW = Conditions(robots=2, poses=30, spacing=0.2)

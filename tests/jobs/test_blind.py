@@ -9,8 +9,8 @@ import pytest
 from bench import cli
 from bench import truth as truths
 from bench.jobs import blind
-from pcalib import measurement
 from pcalib import robot as robots
+from pcalib.data import measurement
 from pcalib.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]

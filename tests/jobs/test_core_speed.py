@@ -7,7 +7,7 @@ import pytest
 
 from bench.jobs import core_speed, peer_sysid
 from bench.jobs.core_speed import Figure
-from pcalib import identification
+from pcalib.fitting import identification
 
 
 def test_figures_keep_their_bounds_either_way():

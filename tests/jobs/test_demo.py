@@ -9,8 +9,9 @@ import pytest
 from bench import cli
 from bench import truth as truths
 from bench.jobs import demo
-from pcalib import measurement, modelfile
+from pcalib import modelfile
 from pcalib import robot as robots
+from pcalib.data import measurement
 
 SMALL = ["--spacing", "200mm", "--tool", "0,0,0mm", "--tool", "0,0,-300mm"]
 

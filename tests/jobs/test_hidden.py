@@ -12,8 +12,9 @@ from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.catalogue import CATALOGUE
 from bench.jobs.hidden.design import DESIGNS
 from bench.jobs.hidden.stage import MOVED, RANGE, Replay, Stage, suits
-from pcalib import effects, identification
+from pcalib import effects
 from pcalib import robot as robots
+from pcalib.fitting import identification
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = robots.load(ROOT / "models" / "delta.toml")

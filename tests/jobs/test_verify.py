@@ -12,8 +12,9 @@ from bench import truth as truths
 from bench.instrument import Instrument
 from bench.jobs import verify
 from bench.truth import Truth
-from pcalib import effects, kinematics, modelfile
+from pcalib import effects, modelfile
 from pcalib.errors import InputError, ReachError
+from pcalib.mechanics import kinematics
 from pcalib.model import FittedEffect, Model
 
 TOOL = np.array([0.0, 0.0, -0.3])

@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import kinds, kinematics, prediction, rotation
+from pcalib import kinds, prediction, rotation
 from pcalib import robot as robots
 from pcalib.errors import InputError
-from pcalib.identifiability import THRESHOLD, priors, project_out
-from pcalib.mechanism import Pose
+from pcalib.fitting.identifiability import THRESHOLD, priors, project_out
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.mechanism import Pose
+from pcalib.mechanics.workspace import reachable
 from pcalib.model import Model
 from pcalib.prediction import Conditions
-from pcalib.workspace import reachable
 
 MODELS = Path(__file__).parents[2] / "models"
 NAMES = sorted(path.stem for path in MODELS.glob("*.toml") if path.stem != "planar")  # its tests: test_planar.py

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pcalib import kinematics, rotation
 from pcalib import robot as robots
+from pcalib import rotation
+from pcalib.mechanics import kinematics
 
 MODEL = Path(__file__).parents[2] / "models" / "planar.toml"
 MECHANISM = robots.load(MODEL).mechanism

@@ -9,9 +9,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from pcalib import identifiability, identification, report
+from pcalib import report
 from pcalib.errors import InputError
-from pcalib.identification import Fit
+from pcalib.fitting import identifiability, identification
+from pcalib.fitting.identification import Fit
 from pcalib.ladder import ErrorMap, Ladder, Step
 from pcalib.model import Model
 from pcalib.report import figures, sections

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import effects, kinematics, modelfile, view
+from pcalib import effects, modelfile, view
 from pcalib import robot as robots
+from pcalib.mechanics import kinematics
 from pcalib.model import FittedEffect, Frame, Model
 from pcalib.view.model import predicted
 

@@ -16,9 +16,10 @@ from bench.jobs.campaign import geometry
 from bench.jobs.campaign.geometry import Geometry
 from bench.jobs.campaign.random_faults import RandomFault
 from bench.settings import Setting
-from pcalib import compensation, identification, units
+from pcalib import compensation, units
 from pcalib import robot as robots
 from pcalib.errors import EffectError, InputError, unknown
+from pcalib.fitting import identification
 from pcalib.robot import Robot
 
 PLANS = (*plans.NAMES, "d-optimal")

@@ -27,7 +27,7 @@ import numpy as np
 
 from bench import settings, truth
 from bench.settings import Setting
-from pcalib import table as tables
+from pcalib.data import table as tables
 from pcalib.errors import InputError
 from pcalib.robot import Robot
 

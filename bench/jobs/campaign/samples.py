@@ -12,8 +12,8 @@ from bench.commands import Commands
 from bench.instrument import Instrument
 from bench.jobs import optimal
 from bench.jobs.campaign.cell import Plan
-from pcalib import grid, kinematics
-from pcalib.mechanism import Pose
+from pcalib.mechanics import grid, kinematics
+from pcalib.mechanics.mechanism import Pose
 from pcalib.robot import Robot
 
 

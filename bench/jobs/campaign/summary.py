@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from bench.jobs.campaign.store import KEY
-from pcalib import table as tables
+from pcalib.data import table as tables
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,10 +24,11 @@ from bench.jobs.campaign.spec import Campaign
 from bench.machine import Machine
 from bench.plan import Plan
 from bench.truth import Truth
-from pcalib import compensation, effects, identification
+from pcalib import compensation, effects
+from pcalib.data.measurement import Measurements
 from pcalib.errors import PcalibError
-from pcalib.measurement import Measurements
-from pcalib.mechanism import Pose
+from pcalib.fitting import identification
+from pcalib.mechanics.mechanism import Pose
 from pcalib.model import FittedEffect, Model
 from pcalib.prediction import Conditions
 

@@ -18,11 +18,12 @@ from bench.jobs.hidden.catalogue import CATALOGUE
 from bench.jobs.hidden.design import BAR, DESIGNS
 from bench.jobs.hidden.grading import SLACK, Answer, Facts, Grade
 from bench.jobs.hidden.stage import Stage
-from pcalib import compensation, identification, planning
+from pcalib import compensation, planning
 from pcalib import robot as robots
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.diagnose import Diagnosis, diagnose, with_effects
 from pcalib.errors import FitError
-from pcalib.measurement import Measurements
+from pcalib.fitting import identification
 from pcalib.model import FittedEffect, Model
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot

@@ -14,7 +14,7 @@ from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.catalogue import Hidden
 from bench.jobs.hidden.grading import SLACK, Facts
 from bench.jobs.hidden.stage import Stage
-from pcalib.measurement import Measurements
+from pcalib.data.measurement import Measurements
 
 STRETCH = 5.0
 """How much larger than wanted each of two effects may become to be told from what one effect explains."""

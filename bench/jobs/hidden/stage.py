@@ -26,14 +26,15 @@ from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.catalogue import Hidden
 from bench.jobs.hidden.design import Design
 from bench.truth import Truth
-from pcalib import effects, identification, rotation
+from pcalib import effects, rotation
+from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import candidates
 from pcalib.diagnosis.channels import Point
 from pcalib.effects.gear_ripple import SCANNED
-from pcalib.measurement import Measurements
+from pcalib.fitting import identification
+from pcalib.fitting.unknowns import unknowns_of
 from pcalib.model import FittedEffect, Model
 from pcalib.robot import Robot
-from pcalib.unknowns import unknowns_of
 
 SIGMA_LENGTH, SIGMA_ANGLE = 1e-4, np.radians(0.05)
 """1σ of a robot's geometric errors [m, rad]."""

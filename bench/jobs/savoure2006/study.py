@@ -25,8 +25,8 @@ from bench.jobs.savoure2006.trial import (
     planar_errors,
     robot,
 )
-from pcalib import identifiability
-from pcalib import planar_closed_form as closed
+from pcalib.fitting import identifiability
+from pcalib.mechanics import planar_closed_form as closed
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,10 @@ import pytest
 
 from bench import cli as pcbench
 from pcalib import cli as pcalib
-from pcalib import kinematics, measurement, modelfile, planning, rotation, table
+from pcalib import modelfile, planning, rotation
 from pcalib import robot as robots
+from pcalib.data import measurement, table
+from pcalib.mechanics import kinematics
 from pcalib.model import Model
 
 ROOT = Path(__file__).parents[3]

@@ -42,7 +42,7 @@ def test_nothing_changed(held, capsys):
 
 
 SIGN_IN_A_JACOBIAN = """
-from pcalib.actuation import RotaryArms
+from pcalib.mechanics.actuation import RotaryArms
 right = RotaryArms.rows
 def wrong(*given):
     rows = right(*given)

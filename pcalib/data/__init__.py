@@ -1,0 +1,1 @@
+"""Measurements and targets: files, their columns, and what may be wrong with them."""

@@ -1,0 +1,314 @@
+"""Findings about a measurement file: what is wrong or lacking, in plain sentences, and what that means later on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcalib.data import mixups
+from pcalib.data.columns import TEMPERATURES
+from pcalib.data.measurement import Measurements
+from pcalib.data.mixups import Nominal
+from pcalib.data.replicates import Noise
+from pcalib.robot import Robot
+
+ENOUGH_DOF = 20
+"""Degrees of freedom of replicates from which the noise counts as verified: σ to about ± 16 %."""
+DOUBTFUL = 0.001
+"""p below which the scatter of replicates and σ are said to disagree."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing to know about a file."""
+
+    level: str
+    """'error': not usable as it stands; 'warning': usable, something is wrong or will be missed; 'note'."""
+    code: str
+    """Stable name, for programs."""
+    message: str
+    remedy: str = ""
+    """Of an error: what to do about it."""
+
+
+def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
+    """How much is measured, and what is held out."""
+    used = data.take(data.fit_rows)
+    readings = int(used.mask.sum())
+    nothing = np.all(~data.mask, axis=1)
+    if nothing.all():
+        yield Finding(
+            "error", "nothing_measured", "No row holds a measurement: x, y, z and rotation are all blank.",
+            "Fill in what the instrument read.",
+        )  # fmt: skip
+        return
+    if nothing.any():
+        yield Finding("warning", "empty_rows", f"No measurement in {_lines(data, nothing)}.")
+    if not len(used):
+        yield Finding(
+            "error", "nothing_to_fit", "All rows are set = check: there is nothing to fit.",
+            "Mark some rows fit, or leave the column 'set' out.",
+        )  # fmt: skip
+        return
+    poses = len(np.unique(np.round(used.q, 9), axis=0))
+    if poses == 1:
+        yield Finding("warning", "one_pose", "There is one pose only: a fit needs poses all over the workspace.")
+    elif robot is not None:
+        most = max(len(level.columns) for level in robot.mechanism.levels.values())
+        if readings < 2 * most:
+            yield Finding(
+                "warning", "few_readings",
+                f"{poses} poses give {readings} readings for up to {most} parameters of level 'complete': "
+                "expect weakly determined ones, or fit a smaller level.",
+            )  # fmt: skip
+    if not data.check.any():
+        yield Finding(
+            "note", "no_check_rows",
+            "No rows are held out (set = check): the accuracy on poses that were not fitted stays unknown.",
+        )  # fmt: skip
+    shared = np.intersect1d(data.pose_id[data.check], data.pose_id[~data.check])
+    if (shared >= 0).any():
+        yield Finding(
+            "warning", "leak",
+            f"Rows of one pose_id stand both in fit and in check ({np.sum(shared >= 0)} ids): the check is not "
+            "independent.",
+        )  # fmt: skip
+    if not data.mask[:, 3].any():
+        tools = len(np.unique(np.round(data.tool, 6), axis=0))
+        if tools < 3:
+            yield Finding(
+                "note", "position_only",
+                f"Only positions are measured, with {tools} tool point{'s' * (tools > 1)}: the plate's own rotation, "
+                "and the errors that only turn it, are seen in part; three tool points would show all of it.",
+            )  # fmt: skip
+
+
+def joint_coverage(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
+    """How far the joints moved."""
+    spans = np.ptp(data.q, axis=0)
+    same = [
+        f"{data.actuators[i]} and {data.actuators[j]}"
+        for i in range(len(spans))
+        for j in range(i)
+        if spans[i] > 0 and np.array_equal(data.q[:, i], data.q[:, j])
+    ]
+    if same and len(data) > 2:
+        yield Finding("warning", "equal_columns", f"{'; '.join(same)} are equal in every row: was one copied?")
+    if robot is None:
+        return
+    low, high = robot.joint_range
+    if len(data) > 1 and np.abs(data.q).max() < 0.03 * max(abs(low), abs(high)):
+        unit = "rad" if data.actuator_dimension == "angle" else "m"
+        yield Finding(
+            "warning", "tiny_joints",
+            f"All actuator values are tiny beside the joint range: if they were written in {unit}, name the columns "
+            f"{data.actuators[0]}_{unit} and so on.",
+        )  # fmt: skip
+        return
+    shares = zip(data.actuators, spans / (high - low), strict=True)
+    narrow = [f"{name} {100 * share:.0f} %" for name, share in shares if share < 0.4]
+    if narrow and len(data) > 1:
+        yield Finding(
+            "warning", "narrow_joints",
+            f"Joints cover little of their range ({', '.join(narrow)}): lengths, offsets, gear ratio and encoder "
+            "eccentricity are then hard to tell apart.",
+        )  # fmt: skip
+
+
+def conditions(data: Measurements) -> Iterator[Finding]:
+    """Payload, direction, temperature and time: what their lack hides."""
+    if np.ptp(data.payload) == 0:
+        yield Finding(
+            "warning", "no_payload_variation",
+            f"All rows carry the same payload ({data.payload[0]:g} kg): most of the compliance under gravity hides in "
+            "the geometry; measure some poses with another payload to tell them apart.",
+        )  # fmt: skip
+    directions = {n: v for n, v in data.columns.items() if is_direction(n)}
+    if not directions or not any(v.any() for v in directions.values()):
+        yield Finding(
+            "note", "no_direction",
+            "No directions of approach (dir1, dir2, …): backlash is judged by the side of the load only, and friction "
+            "cannot be.",
+        )  # fmt: skip
+    else:
+        one = [n for n, v in directions.items() if len(set(v[v != 0])) == 1]
+        if one:
+            yield Finding(
+                "warning", "one_direction",
+                f"{', '.join(one)}: always approached from one side, so that backlash hides in the motor offset.",
+            )  # fmt: skip
+    temperatures = [c for c in TEMPERATURES if c in data.columns]
+    if not temperatures:
+        yield Finding("note", "no_temperature", "No temperatures: thermal growth cannot be told from anything else.")
+    elif all(np.ptp(data.columns[c]) < 1.0 for c in temperatures):
+        yield Finding("note", "constant_temperature", "Temperatures vary by less than 1 °C: growth stays unseen.")
+    if len(temperatures) > 1 and "temp" not in data.columns:
+        for i, a in enumerate(temperatures):
+            for b in temperatures[:i]:
+                if _correlation(data.columns[a], data.columns[b]) > 0.98:
+                    yield Finding("note", "equal_temperatures", f"{b} and {a} rise together: hard to tell apart.")
+    time = data.columns.get("time")
+    if time is None:
+        yield Finding("note", "no_time", "No time: drift of base or tracker cannot be seen.")
+        return
+    for c in temperatures if "temp" not in data.columns else temperatures[:1]:
+        if _correlation(data.columns[c], time) > 0.95:
+            name = "The temperature" if "temp" in data.columns else c
+            yield Finding(
+                "warning", "temperature_follows_time",
+                f"{name} is all but proportional to time: thermal growth and drift cannot be told apart; repeat "
+                "some poses after cooling, or in another order.",
+            )  # fmt: skip
+
+
+def noise_level(data: Measurements, noise: Noise) -> Iterator[Finding]:
+    """What is known of the noise."""
+    if not data.sigma_stated:
+        yield Finding(
+            "warning", "sigma_not_stated",
+            "The file does not state the instrument's σ (# sigma_pos_mm, # sigma_rot_deg): defaults are assumed, and "
+            "χ² says little.",
+        )  # fmt: skip
+    if noise.dof_pos + noise.dof_rot == 0:
+        why = "No replicates (pose_id)"
+        if (data.pose_id >= 0).any():
+            why = "No rows of one pose_id agree in command, payload, direction and temperature"
+        yield Finding(
+            "warning", "no_replicates",
+            f"{why}: the noise is not verified, and a diagnosis can rank causes but gives no verdict; measure ten or "
+            "more poses twice.",
+        )  # fmt: skip
+        return
+    if not verified(noise):
+        yield Finding(
+            "warning", "few_replicates",
+            f"Too few repeated poses to verify the noise ({noise.groups}); ten or more are needed.",
+        )  # fmt: skip
+    for what, ratio, dof, seen, unit in (
+        ("position", noise.ratio_pos, noise.dof_pos, noise.sigma_pos * 1e6, "µm"),
+        ("rotation", noise.ratio_rot, noise.dof_rot, noise.sigma_rot * 1e6, "µrad"),
+    ):
+        p = _two_sided(ratio, dof)
+        if p < DOUBTFUL:
+            stated = "stated" if data.sigma_stated else "assumed"
+            yield Finding(
+                "warning", f"noise_{what}",
+                f"Replicates scatter by {seen:.3g} {unit} in {what}, {ratio:.2f} times the {stated} σ (p = {p:.1g}): "
+                + ("the instrument or the robot repeats worse than stated." if ratio > 1 else "σ is overstated, or the "
+                   "rows are copies and not measured anew."),
+            )  # fmt: skip
+
+
+def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
+    """Values that look odd but may be right."""
+    seen = np.array(data.mask[:, :3].all(axis=1))
+    same = np.all(data.position[1:] == data.position[:-1], axis=1)
+    moved = np.any(data.q[1:] != data.q[:-1], axis=1)
+    still = np.append(False, seen[1:] & same & moved)
+    if still.any():
+        yield Finding(
+            "warning", "frozen",
+            f"The position is that of the row before although the command changed ({_lines(data, still)}): was the "
+            "instrument frozen?",
+        )  # fmt: skip
+    for what, column, low, high, unit in (("position", 0, 1e-7, 1e-3, "m"), ("rotation", 3, 1e-7, 2e-2, "rad")):
+        sigma = data.sigma[data.mask[:, column], column]
+        if len(sigma) and not (low <= np.median(sigma) <= high):
+            yield Finding("warning", "odd_sigma", f"σ of {what} is {np.median(sigma):.1e} {unit}: is its unit right?")
+    for c in TEMPERATURES:
+        if c in data.columns and not (-40 <= data.columns[c].min() and data.columns[c].max() <= 100):
+            yield Finding("warning", "odd_temperature", f"{c} reaches {span(data.columns[c])}: is it in °C?")
+            break
+    if robot is None:
+        return
+    if data.robot_name and data.robot_name != robot.name:
+        yield Finding(
+            "warning", "other_robot", f"The file names robot '{data.robot_name}', the robot file is of '{robot.name}'."
+        )
+    plate = robot.mass.get("plate", 0.0)
+    if plate > 0 and data.payload.max() > 50 * plate:
+        heavy = f"A payload of {data.payload.max():g} kg on a plate of {plate:g} kg: is it in g?"
+        yield Finding("warning", "odd_payload", heavy)
+    turned = data.mask[:, 3]
+    if data.frame == "base" and turned.any() and not {3, 4} & set(robot.mechanism.task):
+        tilt = np.arccos(np.clip(data.rotation[turned, 2, 2], -1, 1)).max()
+        if tilt > robot.mechanism.max_tilt:
+            tilted = f"The plate tilts by up to {np.rad2deg(tilt):.0f}°: is the rotation's unit right?"
+            yield Finding("warning", "odd_rotation", tilted)
+
+
+def against_nominal(data: Measurements, nominal: Nominal) -> Iterator[Finding]:
+    """Mix-ups that the nominal robot shows."""
+    if len(nominal.unreachable):
+        where = _lines(data, nominal.unreachable)
+        beyond = f"The nominal robot cannot take the command of {where}."
+        yield Finding("warning", "unreachable", beyond)
+    if np.isnan(nominal.rms):
+        return
+    if nominal.explanations:
+        yield Finding(
+            "error", "swapped_columns",
+            f"The data are {nominal.distance} from the nominal robot, and would fit if "
+            + ", or if ".join(nominal.explanations[:3]) + ".",
+            "Correct the columns, or check the robot file.",
+        )  # fmt: skip
+    elif data.frame == "base" and nominal.rms > mixups.LARGE and nominal.aligned_rms < mixups.GAIN * nominal.rms:
+        yield Finding(
+            "warning", "not_aligned",
+            f"Positions are {nominal.rms * 1e3:.3g} mm rms from the nominal robot, {nominal.aligned_rms * 1e3:.3g} mm "
+            "when the measuring frame is moved: if it is not aligned with the base, write '# frame = tracker'.",
+        )  # fmt: skip
+    else:
+        typical = float(np.median(nominal.error))
+        limit = max(8 * typical, mixups.LARGE)
+        far = nominal.error > limit
+        if far.any():
+            yield Finding(
+                "warning", "far_rows",
+                f"More than {limit * 1e3:.3g} mm from the nominal robot, where half of all are within "
+                f"{typical * 1e3:.2g} mm: {_lines(data, nominal.rows[far])}. Do command and measurement belong "
+                "together?",
+            )  # fmt: skip
+
+
+def verified(noise: Noise) -> bool:
+    """Whether replicates say enough about the noise for verdicts to rest on it."""
+    return noise.dof_pos + noise.dof_rot >= ENOUGH_DOF
+
+
+def _two_sided(ratio: float, dof: int) -> float:
+    """p of a scatter this far from its σ, either way (χ²)."""
+    from scipy.special import chdtr, chdtrc
+
+    if dof == 0:
+        return 1.0
+    chi2 = dof * ratio**2
+    return float(min(1.0, 2 * min(chdtr(dof, chi2), chdtrc(dof, chi2))))
+
+
+def is_direction(name: str) -> bool:
+    """dir1, dir2, …"""
+    return name.startswith("dir") and name[3:].isdigit()
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    if len(a) < 5 or np.ptp(a) < 1.0 or np.ptp(b) == 0:
+        return 0.0
+    return abs(float(np.corrcoef(a, b)[0, 1]))
+
+
+def span(values: np.ndarray) -> dict[str, float]:
+    """Smallest and largest value."""
+    return {"min": float(values.min()), "max": float(values.max())}
+
+
+def _lines(data: Measurements, rows: np.ndarray) -> str:
+    """'lines 3, 7 and 9' of a mask or of indices; no more than five are named."""
+    lines = [str(line) for line in data.lines[rows]]
+    if len(lines) == 1:
+        return f"line {lines[0]}"
+    if len(lines) > 5:
+        lines = [*lines[:5], f"{len(lines) - 5} more"]
+    return f"lines {', '.join(lines[:-1])} and {lines[-1]}"

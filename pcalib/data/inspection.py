@@ -1,0 +1,113 @@
+"""What a measurement file holds, what is wrong with it, and what each lack means for the steps that follow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pcalib.data import findings, mixups, replicates
+from pcalib.data.columns import TEMPERATURES
+from pcalib.data.findings import Finding, is_direction, span, verified
+from pcalib.data.measurement import Measurements
+from pcalib.data.mixups import Nominal
+from pcalib.data.replicates import Noise
+from pcalib.robot import Robot
+
+SCHEMA = "pcalib.inspect/1"
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """Facts and findings of a measurement file."""
+
+    facts: Mapping[str, Any]
+    """What the file holds, in the form of the JSON."""
+    findings: tuple[Finding, ...]
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """What makes the file unusable as it stands."""
+        return tuple(f for f in self.findings if f.level == "error")
+
+    def to_json(self) -> dict[str, Any]:
+        """Schema pcalib.inspect/1."""
+        return {"schema": SCHEMA, **self.facts, "findings": [vars(f) for f in self.findings]}
+
+
+def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
+    """Facts and findings; with a robot also its joint coverage and the comparison with its nominal geometry."""
+    noise = replicates.noise(data)
+    nominal = mixups.compare(data, robot) if robot is not None else None
+    facts = _facts(data, robot, noise, nominal)
+    found = [
+        *findings.amount(data, robot),
+        *findings.joint_coverage(data, robot),
+        *findings.conditions(data),
+        *findings.noise_level(data, noise),
+        *findings.values(data, robot),
+    ]
+    if nominal is not None:
+        found += findings.against_nominal(data, nominal)
+    order = ("error", "warning", "note")
+    return Inspection(facts, tuple(sorted(found, key=lambda f: order.index(f.level))))
+
+
+def _facts(data: Measurements, robot: Robot | None, noise: Noise, nominal: Nominal | None) -> dict[str, Any]:
+    place = data.mask[:, :3]
+    whole, some, turned = place.all(axis=1), place.any(axis=1), data.mask[:, 3]
+    scale = np.rad2deg(1.0) if data.actuator_dimension == "angle" else 1e3
+    joints = []
+    for name, q in zip(data.actuators, data.q.T, strict=True):
+        low, high = robot.joint_range if robot is not None else (np.nan, np.nan)
+        joints.append({
+            "name": name, "unit": "deg" if data.actuator_dimension == "angle" else "mm",
+            "min": q.min() * scale, "max": q.max() * scale, "share_of_range": np.ptp(q) / (high - low),
+        })  # fmt: skip
+    payloads, counts = np.unique(np.round(data.payload, 6), return_counts=True)
+    directions = {
+        name: {str(side): int(np.sum(values == side)) for side in (-1, 0, 1)}
+        for name, values in data.columns.items()
+        if is_direction(name)
+    }
+    known = {"temp", *TEMPERATURES, "time", *directions}
+    return {
+        "file": data.source,
+        "robot": data.robot_name or None,
+        "frame": data.frame,
+        "rows": len(data),
+        "fit": int(np.sum(~data.check)),
+        "check": int(np.sum(data.check)),
+        "measured": {
+            "full_pose": int(np.sum(whole & turned)),
+            "position_only": int(np.sum(whole & ~turned)),
+            "partial": int(np.sum(~whole & (some | turned))),
+            "nothing": int(np.sum(~some & ~turned)),
+        },
+        "readings": int(data.mask.sum()),
+        "joints": joints,
+        "position_mm": {
+            axis: {"min": np.nanmin(v) * 1e3, "max": np.nanmax(v) * 1e3} if not np.isnan(v).all() else None
+            for axis, v in zip("xyz", data.position.T, strict=True)
+        },
+        "tools_mm": np.unique(np.round(data.tool * 1e3, 6), axis=0)[:20],
+        "payloads": [{"payload_kg": p, "rows": int(n)} for p, n in zip(payloads, counts, strict=True)][:20],
+        "temperatures_degC": {c: span(data.columns[c]) for c in ("temp", *TEMPERATURES) if c in data.columns},
+        "time_s": span(data.columns["time"]) if "time" in data.columns else None,
+        "directions": directions,
+        "own_columns": [c for c in data.columns if c not in known] + list(data.notes),
+        "sigma": {
+            "stated": data.sigma_stated,
+            "pos_um": np.median(data.sigma[:, 0]) * 1e6,
+            "rot_urad": np.median(data.sigma[:, 3]) * 1e6,
+        },
+        "replicates": {
+            "groups": noise.groups, "rows": noise.rows, "verified": verified(noise),
+            "sigma_pos_um": noise.sigma_pos * 1e6, "dof_pos": noise.dof_pos, "ratio_pos": noise.ratio_pos,
+            "sigma_rot_urad": noise.sigma_rot * 1e6, "dof_rot": noise.dof_rot, "ratio_rot": noise.ratio_rot,
+        },
+        "nominal": nominal
+        and {"rms_pos_um": nominal.rms * 1e6, "aligned_rms_pos_um": nominal.aligned_rms * 1e6},
+    }  # fmt: skip

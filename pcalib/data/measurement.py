@@ -1,0 +1,374 @@
+"""Measurement files: what the controller commanded, what the instrument saw, and under which conditions.
+
+The form of the file is in docs/files.md; the same table is read from CSV and from Parquet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pcalib import rotation, units
+from pcalib.data import columns as cols
+from pcalib.data import plausibility
+from pcalib.data import table as tables
+from pcalib.data.columns import Columns
+from pcalib.data.table import Table
+from pcalib.errors import InputError
+from pcalib.robot import Robot
+
+DEFAULT_SIGMA_POS = 15e-6
+"""[m] 1σ per component taken where a file states none: a laser tracker at arm's length."""
+DEFAULT_SIGMA_ROT = 60e-6
+"""[rad] 1σ per component taken where a file states none."""
+FRAMES = ("base", "tracker")
+QUATERNION = ("qw", "qx", "qy", "qz")
+_SIGMA = {"sigma_pos": "length", "sigma_rot": "angle"}
+_UNIT = {"length": "mm", "angle": "deg", "mass": "kg", "temperature": "degC", "time": "s"}
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """N measured poses, SI."""
+
+    q: np.ndarray
+    """(N, nq) [rad or m], commanded actuator values."""
+    position: np.ndarray
+    """(N, 3) [m], measured point in the measuring frame; NaN where not measured."""
+    rotation: np.ndarray
+    """(N, 3, 3), plate → measuring frame; NaN where not measured."""
+    mask: np.ndarray
+    """(N, 6) bool, which of x y z rx ry rz is measured; rotation all or nothing."""
+    tool: np.ndarray
+    """(N, 3) [m], the measured point in the plate frame."""
+    payload: np.ndarray
+    """(N,) [kg] at the tool point."""
+    columns: Mapping[str, np.ndarray]
+    """Further numbers, (N,), by quantity without unit: temp_arms, temp_rods, temp_base, temp [°C], time [s], dir1 …;
+    the user's own under their full name and as they stand in the file."""
+    pose_id: np.ndarray
+    """(N,) int, rows with one id are replicates; −1: none."""
+    check: np.ndarray
+    """(N,) bool, held out: never used for fitting."""
+    sigma: np.ndarray
+    """(N, 6) [m, rad] 1σ of the instrument."""
+    sigma_stated: bool
+    """Whether the file states σ of all that it measures; where it does not, `sigma` holds the defaults."""
+    lines: np.ndarray
+    """(N,) int, line of each row in its file."""
+    frame: str = "base"
+    """'base', or 'tracker': then the registration is unknown."""
+    robot_name: str = ""
+    actuators: tuple[str, ...] = ("q1", "q2", "q3")
+    actuator_dimension: str = "angle"
+    source: str = "measurements"
+    """The file, for messages."""
+    notes: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """The user's own columns of text, (N,)."""
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __post_init__(self) -> None:
+        n, nq = self.q.shape
+        shapes = {
+            "position": (n, 3), "rotation": (n, 3, 3), "mask": (n, 6), "tool": (n, 3), "payload": (n,),
+            "pose_id": (n,), "check": (n,), "sigma": (n, 6), "lines": (n,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, not {shape}")
+        if len(self.actuators) != nq or any(len(v) != n for v in (*self.columns.values(), *self.notes.values())):
+            raise ValueError(f"actuators and columns do not match q {self.q.shape}")
+
+    @classmethod
+    def create(
+        cls,
+        robot: Robot,
+        q: ArrayLike,
+        position: ArrayLike,
+        rotation: ArrayLike | None = None,
+        *,
+        tool: ArrayLike | None = None,
+        payload: ArrayLike = 0.0,
+        columns: Mapping[str, ArrayLike] | None = None,
+        pose_id: ArrayLike | None = None,
+        check: ArrayLike | None = None,
+        sigma_pos: ArrayLike | None = None,
+        sigma_rot: ArrayLike | None = None,
+        frame: str = "base",
+        source: str = "measurements",
+    ) -> Measurements:
+        """Measurements made in memory; everything but `q` and `position` may be left out.
+
+        Args:
+            q: (N, nq) [rad or m].
+            position: (N, 3) [m], NaN where not measured.
+            rotation: (N, 3, 3), NaN where not measured; None: position only.
+            tool: (3,) or (N, 3) [m]; payload: number or (N,) [kg].
+            sigma_pos: [m], sigma_rot: [rad], numbers or (N,); None: not stated.
+        """
+        q, position = np.array(q, float), np.array(position, float)
+        n = len(q)
+        if position.shape != (n, 3):
+            raise ValueError(f"position has shape {position.shape}, not {(n, 3)}")
+        turn = np.full((n, 3, 3), np.nan) if rotation is None else np.array(rotation, float)
+        mask = _mask(position, turn)
+        sigma, stated = _sigma(mask, sigma_pos, sigma_rot)
+        return cls(
+            q, position, turn, mask,
+            tool=np.array(np.broadcast_to(0.0 if tool is None else tool, (n, 3)), float),
+            payload=np.array(np.broadcast_to(payload, n), float),
+            columns={name: np.array(values, float) for name, values in (columns or {}).items()},
+            pose_id=np.full(n, -1) if pose_id is None else np.array(pose_id, int),
+            check=np.zeros(n, bool) if check is None else np.array(check, bool),
+            sigma=sigma, sigma_stated=stated, lines=np.arange(1, n + 1), frame=frame, robot_name=robot.name,
+            actuators=robot.mechanism.actuators, actuator_dimension=robot.mechanism.actuator_dimension, source=source,
+        )  # fmt: skip
+
+    def take(self, rows: np.ndarray | slice) -> Measurements:
+        """The measurements of some rows: a mask, indices or a slice."""
+        one = ("q", "position", "rotation", "mask", "tool", "payload", "pose_id", "check", "sigma", "lines")
+        return replace(
+            self,
+            **{name: getattr(self, name)[rows] for name in one},
+            columns={name: values[rows] for name, values in self.columns.items()},
+            notes={name: values[rows] for name, values in self.notes.items()},
+        )
+
+    @property
+    def fit_rows(self) -> np.ndarray:
+        """Indices of the rows to fit."""
+        return np.flatnonzero(~self.check)
+
+    @property
+    def check_rows(self) -> np.ndarray:
+        """Indices of the rows held out."""
+        return np.flatnonzero(self.check)
+
+
+def load(path: str | Path, robot: Robot | None = None) -> Measurements:
+    """Read a measurement file, Parquet where its name ends with .parquet, else CSV.
+
+    Args:
+        robot: supplies the actuators, and the joint range and workspace that values must keep to; without it the
+            actuators are those of the header and values are not judged.
+
+    Raises:
+        InputError: whatever cannot be used, with file, line, column and remedy.
+    """
+    table = tables.read(path)
+    names, dimension = cols.actuators(table, robot)
+    plain = (*QUATERNION, *(f"dir{i + 1}" for i in range(len(names))), "pose_id", "set")
+    wanted = dict.fromkeys(names, dimension) | cols.POSITION | cols.ROTATION | cols.CONDITIONS | _SIGMA
+    columns = cols.assign(table, wanted, plain, len(names))
+    cols.require(columns, dict.fromkeys(names, dimension), "it holds the commanded actuator values")
+    said = cols.metadata(table, _SIGMA, ("frame", "robot"))
+    frame = said.get("frame", "base")
+    if frame not in FRAMES:
+        raise InputError(
+            f"frame '{frame}' is unknown", file=table.source, line=table.metadata_lines.get("frame"),
+            remedy=f"accepted: {', '.join(FRAMES)}",
+        )
+
+    q = columns.matrix(names)
+    position = _position(columns, robot)
+    turn = _rotation(columns, robot)
+    mask = _mask(position, turn)
+    tool = cols.tool(columns)
+    numeric, text = cols.conditions(columns, len(names))
+    sigma, stated = _sigma(mask, *(_stated_sigma(columns, key, said.get(key)) for key in _SIGMA))
+    if robot is not None:
+        plausibility.joints(columns, robot, q)
+        if tool is not None:
+            plausibility.tools(columns, robot, tool)
+        if frame == "base":
+            reach = np.zeros_like(position) if tool is None else tool
+            turned = np.where(np.isnan(turn), np.eye(3), turn)
+            plausibility.positions(columns, robot, position - (turned @ reach[..., None])[..., 0])
+    return Measurements(
+        q, position, turn, mask,
+        tool=np.zeros_like(position) if tool is None else tool,
+        payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
+        sigma=sigma, sigma_stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
+        actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
+    )  # fmt: skip
+
+
+def save(path: str | Path, data: Measurements) -> None:
+    """Write a measurement file, atomically: Parquet where the name ends with .parquet, else CSV.
+
+    Raises:
+        InputError: the file cannot be written, or σ differs between axes, which a file cannot say.
+    """
+    n = len(data)
+    out: dict[str, np.ndarray | list[str]] = {}
+
+    def put(quantity: str, dimension: str, values: np.ndarray) -> None:
+        unit = units.UNITS[_UNIT[dimension]]
+        out[f"{quantity}_{unit.suffix}"] = values / unit.factor
+
+    for name, values in zip(data.actuators, data.q.T, strict=True):
+        put(name, data.actuator_dimension, values)
+    for i, name in enumerate(cols.POSITION):
+        put(name, "length", np.where(data.mask[:, i], data.position[:, i], np.nan))
+    turned = data.mask[:, 3]
+    if turned.any():
+        vector = np.full((n, 3), np.nan)
+        vector[turned] = rotation.log(data.rotation[turned])
+        for i, name in enumerate(cols.ROTATION):
+            put(name, "angle", vector[:, i])
+    if data.tool.any():
+        for i, name in enumerate(cols.TOOL):
+            put(name, "length", data.tool[:, i])
+    if data.payload.any():
+        put("payload", "mass", data.payload)
+    common = data.columns.get("temp")
+    for name, values in data.columns.items():
+        if name in cols.TEMPERATURES and common is not None and np.array_equal(values, common):
+            continue
+        dimension = cols.CONDITIONS.get(name)
+        if dimension:
+            put(name, dimension, values)
+        else:
+            out[name] = values
+    if (data.pose_id >= 0).any():
+        out["pose_id"] = [str(i) if i >= 0 else "" for i in data.pose_id]
+    if data.check.any():
+        out["set"] = ["check" if held else "fit" for held in data.check]
+    head = {"robot": data.robot_name, "frame": data.frame} if data.robot_name else {"frame": data.frame}
+    if data.sigma_stated:
+        for key, axes in (("sigma_pos", slice(0, 3)), ("sigma_rot", slice(3, 6))):
+            _put_sigma(data, key, axes, head, put)
+    tables.write(path, out | {name: [str(v) for v in values] for name, values in data.notes.items()}, head)
+
+
+def _put_sigma(
+    data: Measurements, key: str, axes: slice, head: dict[str, str], put: Callable[[str, str, np.ndarray], None]
+) -> None:
+    """σ into the metadata where it is one number, else into a column."""
+    seen = np.where(data.mask[:, axes], data.sigma[:, axes], np.nan)
+    if np.isnan(seen).all():
+        return
+    row = data.sigma[:, axes.start].copy()
+    some = np.flatnonzero(~np.isnan(seen).all(axis=1))
+    row[some] = np.nanmax(seen[some], axis=1)
+    if np.any(np.nan_to_num(seen - row[:, None])):
+        raise InputError(f"{key} differs between axes, which a measurement file cannot say", remedy="use one σ per row")
+    unit = units.UNITS[_UNIT[_SIGMA[key]]]
+    if np.ptp(row[some]) == 0:
+        head[f"{key}_{unit.suffix}"] = f"{row[some][0] / unit.factor:.15g}"
+    else:
+        put(key, unit.dimension, row)
+
+
+def _mask(position: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    turned = ~np.isnan(turn.sum(axis=(1, 2)))
+    return np.concatenate([~np.isnan(position), np.repeat(turned[:, None], 3, axis=1)], axis=1)
+
+
+def _position(columns: Columns, robot: Robot | None) -> np.ndarray:
+    """(N, 3) [m]; a column may be absent only where the plate cannot move that way."""
+    free = (0, 1, 2) if robot is None else robot.mechanism.plate_dofs
+    needed = {name: "length" for i, name in enumerate(cols.POSITION) if i in free}
+    cols.require(columns, needed, "it holds the measured position, blank where not measured")
+    nothing = np.full(len(columns.table), np.nan)
+    return np.stack([columns.si(c, blank=True) if c in columns else nothing for c in cols.POSITION], axis=1)
+
+
+def _rotation(columns: Columns, robot: Robot | None) -> np.ndarray:
+    """(N, 3, 3) from a rotation vector or a quaternion; NaN in rows that have none."""
+    table = columns.table
+    vector = [c for c in cols.ROTATION if c in columns]
+    quaternion = [c for c in QUATERNION if c in columns]
+    out = np.full((len(table), 3, 3), np.nan)
+    if vector and quaternion:
+        raise table.error("rotation is given twice: as rx ry rz and as a quaternion", remedy="keep one of them")
+    if quaternion:
+        cols.require(columns, dict.fromkeys(QUATERNION, ""), "a quaternion needs qw, qx, qy and qz")
+        values = columns.matrix(QUATERNION, blank=True)
+    elif vector:
+        free = (3, 4, 5) if robot is None else robot.mechanism.plate_dofs
+        needed = {name: "angle" for i, name in enumerate(cols.ROTATION, 3) if i in free}
+        cols.require(columns, needed, "a rotation vector needs all of its components")
+        zero = np.zeros(len(table))
+        values = np.stack([columns.si(c, blank=True) if c in columns else zero for c in cols.ROTATION], axis=1)
+        vector = list(needed) or vector
+    else:
+        return out
+    used = quaternion or vector
+    blank = np.stack([table.blank(columns.name(c)) for c in used], axis=1)
+    half = blank.any(axis=1) & ~blank.all(axis=1)
+    if half.any():
+        row = int(np.argmax(half))
+        name = columns.name(used[int(np.argmax(blank[row]))])
+        remedy = "give all of its components or leave all blank"
+        raise table.error("the rotation is given in part", row=row, column=name, remedy=remedy)
+    given = ~blank.any(axis=1)
+    if not quaternion:
+        out[given] = rotation.exp(values[given])
+        return out
+    length = np.linalg.norm(values, axis=1)
+    odd = given & (np.abs(length - 1) > 1e-3)
+    if odd.any():
+        row = int(np.argmax(odd))
+        raise table.error(
+            f"the quaternion has length {length[row]:.6g}, not 1", row=row, column="qw",
+            remedy="check the order qw qx qy qz and that all four belong to one rotation",
+        )
+    out[given] = rotation.from_quaternion(values[given] / length[given, None])
+    return out
+
+
+def _stated_sigma(columns: Columns, key: str, common: float | str | None) -> np.ndarray | float | None:
+    """σ of each row: its own, else that of the metadata; None where the file states none."""
+    stated = None if common is None else float(common)
+    if key not in columns:
+        return stated
+    name = columns.name(key)
+    values = columns.si(key, blank=stated is not None)
+    if (values < cols.SMALLEST_SIGMA).any():
+        row = int(np.argmax(values < cols.SMALLEST_SIGMA))
+        raise columns.table.error("σ must be positive", row=row, column=name, remedy="e.g. 0.02")
+    return values if stated is None else np.where(np.isnan(values), stated, values)
+
+
+def _sigma(mask: np.ndarray, position: ArrayLike | None, turn: ArrayLike | None) -> tuple[np.ndarray, bool]:
+    """(N, 6) σ with the defaults filled in, and whether all that is measured has a stated one."""
+    out = np.empty(mask.shape)
+    stated = True
+    for axes, given, default in ((slice(0, 3), position, DEFAULT_SIGMA_POS), (slice(3, 6), turn, DEFAULT_SIGMA_ROT)):
+        out[:, axes] = np.broadcast_to(default if given is None else given, len(mask))[:, None]
+        stated &= given is not None or not mask[:, axes].any()
+    return out, stated
+
+
+def pose_ids(table: Table) -> np.ndarray:
+    """(N,) int; whole numbers as they are, words numbered in order of appearance, blank is −1."""
+    if "pose_id" not in table.columns:
+        return np.full(len(table), -1)
+    cells = table.texts("pose_id")
+    try:
+        return np.array([int(cell) if cell else -1 for cell in cells], np.int64)
+    except (ValueError, OverflowError):
+        number: dict[str, int] = {}
+        return np.array([number.setdefault(cell, len(number)) if cell else -1 for cell in cells])
+
+
+def held_out(table: Table) -> np.ndarray:
+    """(N,) bool: set = check.
+
+    Raises:
+        InputError: a cell that is neither fit nor check.
+    """
+    if "set" not in table.columns:
+        return np.zeros(len(table), bool)
+    cells = table.texts("set")
+    for row, cell in enumerate(cells):
+        if cell not in ("fit", "check"):
+            raise table.error(f"{cell!r} is no set", row=row, column="set", remedy="write fit or check")
+    return np.array([cell == "check" for cell in cells])

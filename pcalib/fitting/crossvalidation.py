@@ -1,0 +1,160 @@
+"""Cross-validation: every pose predicted by a fit that never saw it.
+
+Rows are dealt out in turn over the folds, replicates of one command together. What is left in the end is the error at
+held-out poses, also as apparent rod-length errors, which say where along the rods model and measurement disagree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pcalib import rotation
+from pcalib.data.measurement import Measurements
+from pcalib.errors import InputError
+from pcalib.fitting import identification
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.mechanism import Pose
+from pcalib.model import Model
+from pcalib.prediction import Prediction
+from pcalib.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class CrossValidation:
+    """Errors at held-out poses."""
+
+    folds: int
+    error: np.ndarray
+    """(N, 6) measured − predicted [m, rad], NaN where not measured."""
+    rod: np.ndarray
+    """(N, m) [m] apparent rod-length errors; NaN in rows that are no full pose."""
+    fold: np.ndarray
+    """(N,) which fold held a row out; −1 on rows that are `set = check`."""
+    spread: np.ndarray
+    """(nz,) standard deviation of each unknown over the folds [its unit]."""
+    names: tuple[str, ...]
+    """Of the unknowns."""
+
+    @property
+    def rms_pos(self) -> float:
+        """[m] root of the mean squared position error."""
+        return _rms(self.error[:, :3])
+
+    @property
+    def rms_rot(self) -> float:
+        """[rad], NaN without rotations."""
+        return _rms(self.error[:, 3:])
+
+    @property
+    def max_pos(self) -> float:
+        """[m] largest position error."""
+        length = np.sqrt(np.nansum(self.error[:, :3] ** 2, axis=1))
+        return float(length.max(initial=0.0))
+
+    @property
+    def rms_rod(self) -> float:
+        """[m] root mean square over rods and poses, NaN without full poses."""
+        seen = self.rod[~np.isnan(self.rod)]
+        return float(np.sqrt(np.mean(seen**2))) if seen.size else float("nan")
+
+    def json(self) -> dict[str, Any]:
+        """Stable keys, as `pcalib fit --folds` writes them."""
+        values = {
+            "rms_pos_um": self.rms_pos, "max_pos_um": self.max_pos, "rms_rot_urad": self.rms_rot,
+            "rms_rod_um": self.rms_rod,
+        }  # fmt: skip
+        return {"folds": self.folds, **{k: v * 1e6 if np.isfinite(v) else None for k, v in values.items()}}
+
+
+def _rms(error: np.ndarray) -> float:
+    some = ~np.isnan(error).all(axis=1)
+    return float(np.sqrt(np.mean(np.nansum(error[some] ** 2, axis=1)))) if some.any() else float("nan")
+
+
+def require_folds(data: Measurements, folds: int) -> np.ndarray:
+    """(N,) group of rows with one command; −1 for rows held out.
+
+    Raises:
+        InputError: fewer than two folds, or more than there are commands.
+    """
+    group = _groups(data)
+    count = int(group.max(initial=-1)) + 1
+    if not 2 <= folds <= count:
+        raise InputError(f"{folds} folds of {count} commands", file=data.source, remedy=f"choose 2 to {count} folds")
+    return group
+
+
+def cross_validate(
+    data: Measurements,
+    robot: Robot | Model,
+    level: str = "complete",
+    folds: int = 6,
+    tick: Callable[[], None] | None = None,
+    **options: Any,
+) -> CrossValidation:
+    """Fit as often as there are folds, each time without one of them, and predict that one.
+
+    Args:
+        folds: at least 2, at most the number of distinct commands.
+        tick: called after every fold, for a progress bar.
+        options: of :func:`pcalib.fitting.identification.fit`.
+
+    Raises:
+        InputError: fewer commands than folds, or a fold whose fit the rest of the data cannot support.
+        FitError: a fold's fit is not usable.
+    """
+    group = require_folds(data, folds)
+    fold = np.where(group >= 0, group % folds, -1)
+    error = np.full((len(data), 6), np.nan)
+    rod: np.ndarray | None = None
+    estimates, names = [], ()
+    for f in range(folds):
+        found = identification.fit(data.take((fold >= 0) & (fold != f)), robot, level, **options)
+        held = data.take(fold == f)
+        error[fold == f], p = identification.residuals(found.model, held)
+        rods = rod_errors(found.model, held, error[fold == f], p)
+        rod = np.full((len(data), rods.shape[1]), np.nan) if rod is None else rod
+        rod[fold == f] = rods
+        estimates.append(found.estimate)
+        names = found.unknowns.names
+        if tick:
+            tick()
+    assert rod is not None
+    return CrossValidation(folds, error, rod, fold, np.std(estimates, axis=0), names)
+
+
+def _groups(data: Measurements) -> np.ndarray:
+    """(N,) a running number for each command; rows that are held out by the user have −1."""
+    group, seen = np.full(len(data), -1), {}
+    for row in data.fit_rows:
+        mark = int(data.pose_id[row])
+        key = ("id", mark) if mark >= 0 else ("q", *np.round(data.q[row], 12).tolist(), *data.tool[row].tolist())
+        group[row] = seen.setdefault(key, len(seen))
+    return group
+
+
+def rod_errors(model: Model, data: Measurements, error: np.ndarray, p: Prediction) -> np.ndarray:
+    """Closure at the measured poses, (N, m) [m]: by how much each rod seems too short; NaN where no full pose was seen.
+
+    Args:
+        error: (N, 6) measured − predicted in the measuring frame, and
+        p: the prediction, as :func:`pcalib.fitting.identification.residuals` gives them.
+    """
+    mechanism = model.robot.mechanism
+    turn = np.eye(3) if model.frame is None else model.frame.rotation
+    full = ~np.isnan(error).any(axis=1)
+    d = np.nan_to_num(error)
+    R = rotation.exp(d[:, 3:] @ turn) @ p.pose.R
+    tcp = p.pose.tcp(p.tool) + d[:, :3] @ turn
+    pose = Pose(tcp - (R @ p.tool[..., None])[..., 0], R, p.pose.phi)
+    at = kinematics.closure(mechanism, model.k, p.q, pose, deviation=p.deviation)
+    f = at.f.copy()
+    if mechanism.hinges:  # their angles are not measured: what they can take up is no error of a rod
+        J = kinematics.jacobian_state(mechanism, at, pose)[..., len(mechanism.plate_dofs) :]
+        f = f - (J @ np.linalg.pinv(J) @ f[..., None])[..., 0]
+    f[~full] = np.nan
+    return f

@@ -1,0 +1,349 @@
+"""Identification: from measured poses to geometry, effects and measuring frame.
+
+Unknowns z are level coordinates, effect parameters and the frame. The cost is
+
+    Σ_rows w_r·|W·(measured − predicted(z))|² + Σ ((z_j − z_j⁰)/σ_j)²
+
+with W from the instrument's σ, manufacturing priors σ_j (MAP) and optional robust weights w_r; it is minimised by
+Levenberg–Marquardt on scaled unknowns, each step by QR. Methods:
+
+* ``map``: all parameters of the level with priors; never ill-posed. The default. Where the robot is less accurate
+  than the tolerances say, their common scale is estimated from the data (evidence maximisation, MacKay 1992).
+* ``base``: the identifiable base only (pivoted QR), no priors: the classical Gauss–Newton calibration.
+* ``linear``: one least-squares step at nominal on the base (paper eqs 23–26); pairs with first-order compensation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import units
+from pcalib.data.measurement import Measurements
+from pcalib.errors import FitError, InputError, unknown
+from pcalib.fitting import least_squares
+from pcalib.fitting.identifiability import Identifiability, analyse
+from pcalib.fitting.linearisation import Linearisation as Linearisation
+from pcalib.fitting.linearisation import conditions_of as conditions_of
+from pcalib.fitting.linearisation import linearise, register, residuals
+from pcalib.fitting.minimisation import LOSSES, State, minimise
+from pcalib.fitting.sufficiency import require_enough, require_order, require_reach
+from pcalib.fitting.unknowns import Unknowns, current, unknowns_of
+from pcalib.model import FittedEffect, Model
+from pcalib.robot import Robot
+
+METHODS = ("map", "base", "linear")
+_FAR = 6
+"""Times the median residual from which a row is named: noise alone reaches three."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How far model and measurements are apart on some rows."""
+
+    rms_pos: float
+    """[m] sqrt(mean |e|²) over the rows with a position."""
+    max_pos: float
+    rms_rot: float
+    """[rad]; NaN without rotations."""
+    chi2_dof: float
+    """Of the readings that the level can explain."""
+    n_rows: int
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The outcome of an identification. `model` refuses where the fit cannot be trusted."""
+
+    candidate: Model
+    """The fitted model, whatever the status: for inspection only."""
+    status: str
+    """'converged', 'not_converged' or 'rank_deficient'."""
+    reason: str
+    """Why a status other than converged."""
+    remedy: str
+    """And what to do about it."""
+    method: str
+    iterations: int
+    unknowns: Unknowns
+    estimate: np.ndarray
+    """(n,) values of the unknowns: change from nominal, effect values, target offset."""
+    covariance: np.ndarray
+    """(n, n) posterior covariance."""
+    error: np.ndarray
+    """(N, 6) measured − predicted [m, rad], NaN where not measured, all rows, check rows included."""
+    weight: np.ndarray
+    """(N,) robust weights; 1 with linear loss and on check rows."""
+    fit: Accuracy
+    check: Accuracy | None
+    identifiability: Identifiability
+    expected: int
+    """Directions that well-spread poses with the same kind of readings would identify at this level."""
+    prior_scale: float
+    """By how much the manufacturing priors were widened, as the data asked."""
+    warnings: tuple[str, ...]
+    lines: np.ndarray
+    """(N,) source lines of the rows."""
+    held: np.ndarray
+    """(N,) bool, rows held out."""
+    source: str
+    """The measurement file, for messages."""
+
+    @property
+    def model(self) -> Model:
+        """The fitted model.
+
+        Raises:
+            FitError: the fit did not converge or the data cannot support the level.
+        """
+        if self.status != "converged":
+            status = self.status.replace("_", " ")
+            raise FitError(f"{self.source}: the fit is not usable ({status}): {self.reason}\n  {self.remedy}")
+        return self.candidate
+
+    @property
+    def n_identified(self) -> int:
+        """Directions with prior σ / posterior σ above the threshold."""
+        return self.identifiability.n_identified
+
+
+def fit(
+    data: Measurements,
+    robot: Robot | Model,
+    level: str = "complete",
+    *,
+    effects: Sequence[FittedEffect] = (),
+    method: str = "map",
+    loss: str = "linear",
+    fixed: Iterable[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    prior: Mapping[str, float] | None = None,
+    prior_scale: float | None = None,
+    weighted: bool = True,
+    max_iterations: int = 60,
+) -> Fit:
+    """Identify a robot from measurements.
+
+    Args:
+        data: measured poses; rows with ``set = check`` are never used for fitting.
+        robot: nominal robot, or a model to start from (its effects and frame are kept as start values).
+        level: named geometry level of the robot's kind.
+        effects: effects to identify together with the geometry, at their start values.
+        method: 'map', 'base' or 'linear', see the module.
+        loss: 'linear', or 'huber' / 'cauchy', which weigh rows far off down and report them.
+        fixed, bounds, prior: see :func:`pcalib.fitting.unknowns.unknowns_of`.
+        prior_scale: common factor on the manufacturing priors; estimated (≥ 1) where absent.
+        weighted: divide by the instrument's σ; False weighs a millimetre like a radian, as the paper's text does.
+
+    Raises:
+        InputError: rows that the nominal robot cannot reach, or fewer readings than the level needs.
+    """
+    for value, names, what in ((method, METHODS, "method"), (loss, LOSSES, "loss")):
+        if value not in names:
+            raise InputError(unknown(what, value, names))
+    model = robot if isinstance(robot, Model) else Model.nominal(robot)
+    model = replace(model, level=level, effects=tuple(effects) or model.effects)
+    if not weighted:
+        data = replace(data, sigma=data.sigma[:, :1] * np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3]))
+    tracker = data.frame == "tracker"
+    unknowns = unknowns_of(model, level, model.effects, tracker, fixed, bounds, prior, flat=method != "map")
+    fitted = data.take(~data.check) if data.check.any() else data
+    used = _explained(fitted, unknowns)
+    if len(used) == 0:
+        remedy = "mark some rows fit, or leave the column 'set' out"
+        raise InputError("no rows to fit: all are set = check", file=data.source, remedy=remedy)
+    model = replace(model, frame=(model.frame or register(model, used)) if tracker else None)
+    if not unknowns.level.raw:
+        model = model.with_geometry(model.robot.mechanism.nominal + unknowns.level.project(model.errors))
+    at = residuals(model, used)
+    require_reach(at[1], used)
+    require_order(at[0], used, model.robot)
+    expected = require_enough(model, used, unknowns)
+    chosen, seen = np.arange(len(unknowns.names)), None
+    if method != "map":
+        nominal = replace(Model.nominal(model.robot), effects=model.effects, frame=model.frame)
+        seen = _seen(linearise(nominal, used, unknowns).jacobian, unknowns)
+        beside = unknowns.names[unknowns.n_geometry :]
+        chosen = np.array([i for i, name in enumerate(unknowns.names) if name in seen.base + beside], int)
+    scale = 1.0 if method != "map" else prior_scale
+    state = minimise(model, used, unknowns, chosen, at, loss, scale, 1 if method == "linear" else max_iterations)
+    ident = seen or _seen(state.linear.triangle[:, :-1], unknowns)
+    return _conclude(state, data, unknowns, chosen, method, expected, ident)
+
+
+def _seen(rows: np.ndarray, unknowns: Unknowns) -> Identifiability:
+    """What rows (·, n) of a Jacobian, or of its triangle, say about the geometry, effects and frame being unknown."""
+    g = unknowns.n_geometry
+    return analyse(rows[:, :g], unknowns.scale[:g], unknowns.names[:g], rows[:, g:])
+
+
+def _conclude(
+    state: State,
+    data: Measurements,
+    unknowns: Unknowns,
+    chosen: np.ndarray,
+    method: str,
+    expected: int,
+    ident: Identifiability,
+) -> Fit:
+    g = unknowns.n_geometry
+    half = least_squares.root(state.R) * unknowns.scale[chosen][:, None]
+    covariance = np.zeros((len(unknowns.names),) * 2)
+    covariance[np.ix_(chosen, chosen)] = half @ half.T
+    status, reason, remedy = _verdict(state, ident, expected, method, unknowns)
+
+    fitted, held = ~data.check, data.check
+    error, weight = np.empty((len(data), 6)), np.ones(len(data))
+    explained = _explained(data, unknowns)
+    every = explained is data  # readings that the level cannot explain have residuals all the same
+    error[fitted] = state.error if every else residuals(state.model, data.take(fitted), state.linear.prediction.pose)[0]
+    error[held] = residuals(state.model, data.take(held))[0] if held.any() else 0.0
+    weight[fitted] = state.weight
+    information = (ident.ratio * state.prior_scale) ** 2
+    taken = float(np.sum(information / (1 + information))) if method == "map" else float(np.sum(chosen < g))
+    taken += unknowns.n_effects + min(unknowns.n_frame, 6)
+    counted = explained.mask & ~np.isnan(error)
+
+    def summary(rows: np.ndarray, parameters: float) -> Accuracy:
+        return accuracy(error[rows], data.sigma[rows], counted[rows], parameters)
+
+    return Fit(
+        candidate=_with_sigma(state.model, unknowns, covariance),
+        status=status,
+        reason=reason,
+        remedy=remedy,
+        method=method,
+        iterations=state.iterations,
+        unknowns=unknowns,
+        estimate=current(state.model, unknowns),
+        covariance=covariance,
+        error=error,
+        weight=weight,
+        fit=summary(fitted, taken),
+        check=summary(held, 0.0) if held.any() else None,
+        identifiability=ident,
+        expected=expected,
+        prior_scale=state.prior_scale,
+        warnings=_warnings(data, error, unknowns, ident, expected, state),
+        lines=data.lines,
+        held=held,
+        source=data.source,
+    )
+
+
+def _verdict(
+    state: State, ident: Identifiability, expected: int, method: str, unknowns: Unknowns
+) -> tuple[str, str, str]:
+    """Status, its reason, and what to do."""
+    if ident.n_identified < (expected if method != "map" else (expected + 1) // 2):
+        return (
+            "rank_deficient",
+            f"the data identify {ident.n_identified} of the {expected} directions of level {unknowns.level.name}",
+            "spread the poses over the workspace ('pcalib plan'), or fit a simpler level",
+        )
+    if not state.converged:
+        return (
+            "not_converged",
+            f"no minimum after {state.iterations} iterations",
+            "the data may belong to another robot, rows to other commands, or columns or units may be mixed up: "
+            "'pcalib inspect' with --robot names them",
+        )
+    if unknowns.level.strict and ident.n_identified < unknowns.n_geometry:
+        unseen = [axis for c, axis in enumerate("xyz") if c not in state.linear.component]
+        cause = f" ({' and '.join(unseen)} never measured: a shift along them leaves no trace)" if unseen else ""
+        return (
+            "rank_deficient",
+            f"the values of level {unknowns.level.name} are handed on one by one, but these readings fix only "
+            f"{ident.n_identified} of {unknowns.n_geometry}{cause}: {'; '.join(ident.sentences())}",
+            "fit a level without them, hold them with --fix, or measure what tells them apart",
+        )
+    return "converged", "", ""
+
+
+def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray) -> Model:
+    """The model with 1σ of geometry and effects attached."""
+    g, basis = unknowns.n_geometry, unknowns.basis
+    sigma = np.full(len(model.k), np.nan)
+    freed = np.abs(basis).max(axis=1, initial=0.0) > 0
+    sigma[freed] = np.sqrt(np.sum(basis @ covariance[:g, :g] * basis, axis=1))[freed]
+    each = np.sqrt(np.diag(covariance))
+    effects, i = [], g
+    for fitted in model.effects:
+        effects.append(replace(fitted, sigma=each[i : i + len(fitted.theta)]))
+        i += len(fitted.theta)
+    return replace(model, sigma=sigma, effects=tuple(effects))
+
+
+def accuracy(error: np.ndarray, sigma: np.ndarray, explained: np.ndarray, parameters: float) -> Accuracy:
+    """RMS and maximum of residuals (N, 6) [m, rad], and χ² per degree of freedom of the `explained` ones."""
+    some = ~np.isnan(error[:, :3]).all(axis=1)
+    length2 = np.nansum(error[some, :3] ** 2, axis=1)
+    turned = ~np.isnan(error[:, 3])
+    angle2 = np.sum(error[turned, 3:] ** 2, axis=1)
+    chi2 = float(np.sum((error[explained] / sigma[explained]) ** 2))
+    dof = int(explained.sum()) - parameters
+    return Accuracy(
+        rms_pos=float(np.sqrt(length2.mean())) if len(length2) else float("nan"),
+        max_pos=float(np.sqrt(length2.max())) if len(length2) else float("nan"),
+        rms_rot=float(np.sqrt(angle2.mean())) if len(angle2) else float("nan"),
+        chi2_dof=chi2 / dof if dof > 0 else float("nan"),
+        n_rows=int((~np.isnan(error).all(axis=1)).sum()),
+    )
+
+
+def _explained(data: Measurements, unknowns: Unknowns) -> Measurements:
+    """The readings that the level can explain: no rotations where parallelograms are taken as perfect."""
+    if not unknowns.level.perfect or not data.mask[:, 3].any() or not data.mask[:, :3].any():
+        return data
+    mask = data.mask.copy()
+    mask[:, 3:] = False
+    return replace(data, mask=mask)
+
+
+def _warnings(
+    data: Measurements, error: np.ndarray, unknowns: Unknowns, ident: Identifiability, expected: int, state: State
+) -> tuple[str, ...]:
+    out = []
+    if ident.n_identified < expected:
+        out.append(f"{ident.n_identified} of {expected} directions are supported by these poses; priors hold the rest")
+    if state.prior_scale > 2:
+        out.append(
+            f"geometric errors are about {state.prior_scale:.1f} times the assumed tolerances; "
+            "priors were widened accordingly"
+        )
+    fitted = ~data.check
+    one_tool = np.ptp(data.tool[fitted], axis=0).max() < 1e-6
+    if one_tool and not data.mask[fitted, 3:].any() and not unknowns.level.perfect:
+        out.append(
+            "position only, with one tool: the plate's tilt is not seen, and other tools are not calibrated; "
+            "measure with two more tool lengths or with orientations"
+        )
+    for f in state.model.effects:
+        for p, value in zip(f.effect.parameters, f.theta, strict=True):
+            if not p.low <= value <= p.high:
+                shown = f"{value / units.factor(p.unit):.3g} {units.spoken(p.unit)}".strip()
+                out.append(f"{f.effect.name}: {p.name} = {shown} lies outside what is physical")
+    low = data.lines[fitted][state.weight < 0.5]
+    if len(low):
+        out.append(f"{len(low)} rows are far from the model and weigh little ({_lines(low)}); look at them")
+    length = np.linalg.norm(np.nan_to_num(error[fitted, :3]), axis=1)
+    beyond = (length > _FAR * np.median(length)) & (length > _FAR * data.sigma[fitted, 0]) & (state.weight >= 0.5)
+    far = data.lines[fitted][beyond]
+    if len(far):
+        out.append(
+            f"{_lines(far)}: more than {_FAR} times as far from the model as half of all rows; do command and "
+            "measurement belong together? --loss huber gives such rows little weight"
+        )
+    if data.robot_name and data.robot_name != state.model.robot.name:
+        out.append(f"the file names robot '{data.robot_name}', the robot file is of '{state.model.robot.name}'")
+    lost = data.lines[data.check & data.mask.any(axis=1) & np.isnan(error).all(axis=1)]
+    if len(lost):
+        out.append(f"{len(lost)} check rows are out of the fitted robot's reach and not counted ({_lines(lost)})")
+    return tuple(out)
+
+
+def _lines(lines: np.ndarray, most: int = 8) -> str:
+    more = ", …" if len(lines) > most else ""
+    return f"line{'s' * (len(lines) > 1)} {', '.join(str(int(line)) for line in lines[:most])}{more}"

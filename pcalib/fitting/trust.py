@@ -1,0 +1,287 @@
+"""What a small residual does not prove: values that the data hardly ask for, and a scale that they hardly fix.
+
+Two questions are put to a fit. Which parameters went far from the drawing although holding them there would have cost
+little? And where the instrument never saw a direction, how well does the fit know lengths along it? For each doubt the
+further reading that would settle it is searched among those a workshop can make.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pcalib import prediction, rotation
+from pcalib.data.measurement import Measurements
+from pcalib.fitting.identification import Fit, conditions_of
+from pcalib.mechanics.mechanism import Mechanism, Pose
+from pcalib.prediction import Conditions
+
+FAR = 20.0
+"""Manufacturing tolerances beyond which a value is not taken on trust."""
+HIDDEN = 30.0
+"""A change whose trace the other unknowns can make this many times smaller is hidden by them: the square root of the
+variance inflation factor."""
+SETTINGS = (".offset", ".zero")
+"""Endings of unknowns that are set and not made: zeros of encoders, endstops and legs may lie anywhere."""
+SCALE = 2e-4
+"""Relative σ of lengths from which on absolute scale is called weak: 0.1 mm in half a metre."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A result that a small residual does not support."""
+
+    name: str
+    """A parameter, or 'scale'."""
+    change: float
+    """From the drawing [SI]; 0 for scale."""
+    sigma: float
+    """1σ of it [SI], stated noise and what the fit leaves taken together."""
+    unit: str
+    """'m', 'rad' or '1'."""
+    rms: float
+    """[m] RMS position error of the fit, and"""
+    rms_held: float
+    """[m] what it would be with the parameter at the drawing; that of the fit for scale."""
+    remedy: str
+    """The reading that would settle it, '' where none of those tried does."""
+    sigma_after: float
+    """1σ with that reading [SI]."""
+    rods_free: bool = True
+    """Whether the fit may change the length of rods."""
+    geared: bool = False
+    """Whether commands are lengths, which a wrong number of motor steps scales."""
+
+    def sentence(self) -> str:
+        """The doubt in words."""
+        if self.name == "scale":
+            percent = f"±{self.sigma * 100:.2g}"
+            text = (
+                "absolute scale is weak: lengths along directions that were not measured are uncertain by "
+                f"{percent} % (a part of 100 mm by {percent} mm), however small the residual"
+                + ("" if self.rods_free else ", and only if the rods are as long as drawn")
+                + (": a wrong motion per motor step looks the same" if self.geared else "")
+            )
+        else:
+            text = (
+                f"{self.name} lies {_shown(self.change, self.unit, sign=True)} from the drawing "
+                f"(±{_shown(self.sigma, self.unit)}), far beyond any tolerance, yet with it held there the RMS would "
+                f"be {_length(self.rms_held)} instead of {_length(self.rms)}: so small an error in the readings, or in "
+                "what the model leaves out, moves it as much"
+            )
+        if self.remedy:
+            text += f"; {self.remedy} would bring it to ±{_shown(self.sigma_after, self.unit)}"
+        return text
+
+
+def _length(value: float) -> str:
+    return f"{value * 1e6:.3g} µm" if value < 1e-3 else f"{value * 1e3:.3g} mm"
+
+
+def _shown(value: float, unit: str, sign: bool = False) -> str:
+    plus = "+" if sign else ""
+    if unit == "m":
+        return f"{value * 1e3:{plus}.3g} mm"
+    return f"{np.degrees(value):{plus}.3g}°" if unit == "rad" else f"{value * 100:{plus}.2g} %"
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """A further reading: its derivative by the geometric unknowns and its noise."""
+
+    what: str
+    rows: np.ndarray
+    sigma: float
+
+
+def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
+    """What of a fit should not be believed for its residual's sake, the gravest first.
+
+    Args:
+        fit: a converged fit of
+        data: these measurements.
+        most: of the parameters; scale comes on top.
+    """
+    unknowns, g = fit.unknowns, fit.unknowns.n_geometry
+    if g == 0:
+        return []
+    used = ~data.check
+    seen = data.mask[used] & ~np.isnan(fit.error[used])
+    if fit.unknowns.level.perfect and seen[:, :3].any():
+        seen[:, 3:] = False
+    chi2 = float(np.sum((fit.error[used][seen] / data.sigma[used][seen]) ** 2))
+    # Where more is left than the stated noise, all σ are that much larger.
+    inflate = max(1.0, np.sqrt(fit.fit.chi2_dof)) if np.isfinite(fit.fit.chi2_dof) else 1.0
+    covariance = inflate**2 * fit.covariance[:g, :g]
+    units = [unknowns.level.units[unknowns.level.columns.index(name)] for name in unknowns.names[:g]]
+    own = _beside_rigid_motions(fit)
+    change = own @ fit.estimate[:g]
+    sigma = np.sqrt(np.einsum("ij,jk,ik->i", own, covariance, own))
+    far = np.abs(change) / unknowns.scale[:g]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        growth = np.sqrt(1 + (change / sigma * inflate) ** 2 / max(chi2, 1e-30))
+    made = [not name.endswith(SETTINGS) for name in unknowns.names[:g]]
+    S, _, _ = _geometry(fit, data.q[used], conditions_of(data).take(used))
+    trace = np.sqrt(np.sum((S[seen] / data.sigma[used][seen][:, None]) ** 2, axis=0))
+    hidden = sigma / inflate * trace
+    suspects = [j for j in np.argsort(-far * hidden) if made[j] and far[j] > FAR and hidden[j] > HIDDEN]
+    wanted = [(unknowns.names[j], own[j], float(change[j]), units[j], growth[j]) for j in suspects[:most]]
+    scale = _scale(fit, data)
+    if scale is not None and np.sqrt(scale @ covariance @ scale) > SCALE:
+        wanted.append(("scale", scale, 0.0, "1", 1.0))
+    if not wanted:
+        return []
+    readings = _readings(fit, data)
+    mechanism = fit.candidate.robot.mechanism
+    lengths = [i for i, name in enumerate(mechanism.parameters) if name[0] == "l" and name[1:] in mechanism.rods]
+    rods_free = bool(unknowns.basis[lengths].any())
+    out = []
+    for name, direction, change, unit, ratio in wanted:
+        now = float(np.sqrt(direction @ covariance @ direction))
+        after, best = min(
+            ((_after(covariance, direction, reading), reading.what) for reading in readings), default=(now, "")
+        )
+        helps = after < 0.5 * now
+        out.append(
+            Doubt(
+                name, change, now, unit, fit.fit.rms_pos, fit.fit.rms_pos * float(ratio),
+                best if helps else "", after if helps else now, rods_free,
+                mechanism.actuator_dimension == "length",
+            )
+        )  # fmt: skip
+    return out
+
+
+def _beside_rigid_motions(fit: Fit) -> np.ndarray:
+    """(g, g) projection of the unknowns off motions of base or plate as a whole, which are the frames' affair.
+
+    Where the raw parameters are fitted to poses in an instrument's frames, those frames are in the result; a drawing
+    can be compared with it only after base and plate have been laid upon each other.
+    """
+    unknowns = fit.unknowns
+    g = unknowns.n_geometry
+    if not unknowns.level.raw:
+        return np.eye(g)
+    scaled = rigid_motions(fit.candidate.robot.mechanism)[unknowns.keep] / unknowns.scale[:g, None]
+    U, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    U = U[:, s > 1e-9 * s[0]]
+    off = np.eye(g) - U @ U.T
+    return off * unknowns.scale[:g, None] / unknowns.scale[None, :g]
+
+
+def rigid_motions(mechanism: Mechanism) -> np.ndarray:
+    """(nk, 12) change of the parameters by small motions of the base (translation, rotation) and of the plate."""
+    names, k = mechanism.parameters, mechanism.nominal
+    out = np.zeros((len(names), 12))
+    for i, name in enumerate(names):
+        stem, dot, axis = name.partition(".")
+        sort = stem.rstrip("0123456789")
+        if not dot or sort not in ("p", "b", "beta", "hinge", "tilt"):
+            continue
+        at, side = "xyz".index(axis), 0 if sort in ("p", "beta") else 6
+        if sort in ("beta", "tilt"):
+            out[i, side + 3 + at] = 1.0
+        else:
+            point = np.array([k[names.index(f"{stem}.{c}")] for c in "xyz"])
+            out[i, side + at] = 1.0
+            out[i, side + 3 : side + 6] = -rotation.hat(point)[at]
+    return out
+
+
+def _after(covariance: np.ndarray, direction: np.ndarray, reading: _Reading) -> float:
+    """σ of a direction once a reading is added (the Kalman update)."""
+    H = reading.rows / reading.sigma
+    through = covariance @ direction
+    innovation = np.eye(len(H)) + H @ covariance @ H.T
+    gain = H @ through
+    return float(np.sqrt(max(direction @ through - gain @ np.linalg.solve(innovation, gain), 0.0)))
+
+
+def _geometry(fit: Fit, q: np.ndarray, conditions: Conditions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivative of readings (N, 6, g) by the geometric unknowns, predicted positions (N, 3), and which rows exist."""
+    model = fit.candidate
+    p = prediction.predict(model, q, conditions)
+    at, JX = prediction.closure_of(model, p)
+    return prediction.geometry_columns(model, p, at, JX, fit.unknowns.basis), p.position, p.status == "ok"
+
+
+def _scale(fit: Fit, data: Measurements) -> np.ndarray | None:
+    """Derivative of the lengths' scale along directions that no row measures, (g,); None where all are measured."""
+    unseen = [c for c in range(3) if c in fit.candidate.robot.mechanism.plate_dofs and not data.mask[:, c].any()]
+    if not unseen or not data.mask[:, :3].any():
+        return None
+    S, x, ok = _geometry(fit, data.q, conditions_of(data))
+    S, x = S[ok][:, unseen], x[ok][:, unseen]
+    x = x - x.mean(axis=0)
+    S = S - S.mean(axis=0)
+    return np.einsum("nc,ncg->g", x, S) / np.sum(x * x)
+
+
+def _readings(fit: Fit, data: Measurements) -> list[_Reading]:
+    """What a workshop can measure beside these data."""
+    model, unknowns = fit.candidate, fit.unknowns
+    mechanism = model.robot.mechanism
+    found = []
+    for name in mechanism.parameters:
+        if name.startswith("l") and name[1:] in mechanism.rods:
+            row = unknowns.basis[mechanism.index(name)][None]
+            found.append(_Reading(f"the length of rod {name[1:]}, joint to joint, to 0.05 mm,", row, 5e-5))
+            break
+    S, x, ok = _geometry(fit, data.q, conditions_of(data))
+    unseen = [c for c in range(3) if c in mechanism.plate_dofs and not data.mask[:, c].any()]
+    if unseen:
+        a, b = _farthest(x[:, unseen], ok)
+        away = x[b, unseen] - x[a, unseen]
+        span = float(np.linalg.norm(away))
+        row = (away / span) @ (S[b, unseen] - S[a, unseen])
+        axes = " and ".join("xyz"[c] for c in unseen)
+        found.append(
+            _Reading(f"one known distance of {span * 1e3:.0f} mm in {axes} (caliper, to 0.1 mm)", row[None], 1e-4)
+        )
+        raised = _raised(fit, data, 0.5 * span)
+        if raised is not None:
+            heights, rows = raised
+            what = f"the same heights {heights * 1e3:.0f} mm higher (gauge block, to 0.02 mm)"
+            found.append(_Reading(what, rows, 2e-5))
+    elif not data.mask[:, 3:].any():
+        rows = S[ok][:10, 3:].reshape(-1, S.shape[-1])
+        found.append(_Reading("orientations at ten of these poses, to 0.01°,", rows, float(np.radians(0.01))))
+    return found
+
+
+def _farthest(x: np.ndarray, ok: np.ndarray) -> tuple[int, int]:
+    """The two poses that lie farthest apart."""
+    rows = np.flatnonzero(ok)
+    d = np.linalg.norm(x[rows][:, None] - x[rows][None], axis=-1)
+    a, b = np.unravel_index(int(np.argmax(d)), d.shape)
+    return int(rows[a]), int(rows[b])
+
+
+def _raised(fit: Fit, data: Measurements, height: float) -> tuple[float, np.ndarray] | None:
+    """Heights of the same points further up: the height, and the derivative of each (n, g)."""
+    from pcalib.mechanics import kinematics
+
+    model = fit.candidate
+    mechanism, w = model.robot.mechanism, model.robot.workspace
+    pose: Pose = kinematics.forward(mechanism, model.k, data.q).pose
+    height = min(height, max(w.z_max - float(pose.x[:, 2].max()), 0.0))
+    if height < 5e-3:
+        return None
+    above = kinematics.inverse(mechanism, model.k, pose.x + [0.0, 0.0, height], pose.R)
+    S, _, ok = _geometry(fit, above.q[above.ok], conditions_of(data).take(above.ok))
+    return height, S[ok][:, 2]
+
+
+def json(found: Sequence[Doubt]) -> list[dict[str, Any]]:
+    """The doubts with stable keys, in SI."""
+    return [
+        {
+            "parameter": d.name, "change": d.change, "sigma": d.sigma, "unit": d.unit, "rms_um": d.rms * 1e6,
+            "rms_held_um": d.rms_held * 1e6, "remedy": d.remedy or None, "sigma_after": d.sigma_after,
+            "text": d.sentence(),
+        }
+        for d in found
+    ]  # fmt: skip

@@ -1,0 +1,139 @@
+"""What a fit solves for: level coordinates, effect parameters and the measuring frame, as one scaled vector."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from pcalib import rotation
+from pcalib.errors import InputError, unknown
+from pcalib.fitting.identifiability import PRIOR
+from pcalib.mechanics.mechanism import Level
+from pcalib.model import FittedEffect, Frame, Model
+
+EFFECT_PRIOR_WIDTH = 3.0
+"""Effects are held by 3× what is usual: loose enough not to shrink what data can see."""
+_FRAME_SCALE = 1e-3
+_TARGET_PRIOR = 1e-2
+"""[m] The target's place is stated to a centimetre at worst; what of it is a gauge stays there."""
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """What a fit solves for, in order: level coordinates, effect parameters, frame."""
+
+    level: Level
+    keep: np.ndarray
+    """(nz,) bool: level columns that are free."""
+    prior: np.ndarray
+    """(n,) 1σ of every unknown; inf where there is none."""
+    scale: np.ndarray
+    """(n,) natural size of every unknown, finite."""
+    lower: np.ndarray
+    upper: np.ndarray
+    """(n,) bounds on the change from nominal (from zero for effects)."""
+    names: tuple[str, ...]
+    n_geometry: int
+    n_effects: int
+    n_frame: int
+
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """(nk, n_geometry) free directions of the level."""
+        return self.level.basis[:, self.keep]
+
+    def coordinates(self, errors: np.ndarray) -> np.ndarray:
+        """Free level coordinates (n_geometry,) of raw geometric errors (nk,)."""
+        return self.level.coordinates(errors)[self.keep]
+
+    @cached_property
+    def bounded(self) -> bool:
+        """Whether any unknown has a bound."""
+        return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+
+def unknowns_of(
+    model: Model,
+    level: str,
+    effects: Sequence[FittedEffect] = (),
+    frame: bool = False,
+    fixed: Iterable[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    prior: Mapping[str, float] | None = None,
+    flat: bool = False,
+) -> Unknowns:
+    """The unknowns of a fit.
+
+    Args:
+        fixed: names of level columns held where the start has them: at nominal, or as in the model given.
+        bounds: name → (low, high) of the change from nominal [SI].
+        prior: 1σ by unit ('m', 'rad', '1') or by parameter name; manufacturing tolerances elsewhere.
+        flat: no priors but that of the target's place, which a robot that hardly turns cannot tell from the frame's.
+    """
+    levels = model.robot.mechanism.levels
+    if level not in levels:
+        raise InputError(unknown("level", level, levels))
+    chosen = levels[level]
+    prior, bounds, fixed = dict(prior or {}), dict(bounds or {}), set(fixed)
+    for name in [*fixed, *bounds, *(p for p in prior if p not in PRIOR)]:
+        if name not in chosen.columns:
+            raise InputError(unknown(f"parameter of level {level}", name, chosen.columns))
+    keep = np.array([c not in fixed for c in chosen.columns], bool)
+    names = [c for c in chosen.columns if c not in fixed]
+    sizes = [
+        prior.get(c, prior.get(u, PRIOR[u])) for c, u, k in zip(chosen.columns, chosen.units, keep, strict=True) if k
+    ]
+    n_geometry = len(names)
+    for fitted in effects:
+        for p in fitted.effect.parameters:
+            names.append(f"{fitted.effect.name}.{p.name}")
+            sizes.append(EFFECT_PRIOR_WIDTH * p.prior)
+    n_effects = len(names) - n_geometry
+    n_frame = 9 if frame else 0
+    names += [f"frame.{c}" for c in ("x", "y", "z", "rx", "ry", "rz")][:n_frame]
+    names += [f"target.{c}" for c in "xyz"] if frame else []
+    scale = np.array(sizes + [_FRAME_SCALE] * n_frame)
+    free = np.array(sizes + [np.inf] * n_frame)
+    if flat:
+        free[:] = np.inf
+    if frame:
+        free[-3:] = _TARGET_PRIOR
+    lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for name, (low, high) in bounds.items():
+        lower[names.index(name)], upper[names.index(name)] = low, high
+    return Unknowns(chosen, keep, free, scale, lower, upper, tuple(names), n_geometry, n_effects, n_frame)
+
+
+def apply(model: Model, unknowns: Unknowns, step: np.ndarray) -> Model:
+    """The model after a step (n,) of the unknowns."""
+    g, e = unknowns.n_geometry, unknowns.n_effects
+    k = model.k + unknowns.basis @ step[:g] if g else model.k
+    effects, i = [], g
+    for fitted in model.effects:
+        n = len(fitted.theta) if e else 0
+        effects.append(replace(fitted, theta=fitted.theta + step[i : i + n]) if e else fitted)
+        i += n
+    frame = model.frame
+    if unknowns.n_frame:
+        assert frame is not None
+        f = step[g + e :]
+        turned = rotation.renormalise(rotation.exp(f[3:6]) @ frame.rotation)
+        frame = Frame(turned, frame.translation + f[:3], frame.offset + f[6:9])
+    return replace(model, k=k, effects=tuple(effects), frame=frame)
+
+
+def current(model: Model, unknowns: Unknowns) -> np.ndarray:
+    """(n,) present values of the unknowns: change from nominal, effect values, target offset; the rest of the
+    frame has no absolute value and reads 0."""
+    g, e = unknowns.n_geometry, unknowns.n_effects
+    values = np.zeros(len(unknowns.names))
+    values[:g] = unknowns.coordinates(model.errors)
+    if e:
+        values[g : g + e] = np.concatenate([f.theta for f in model.effects])
+    if unknowns.n_frame:
+        assert model.frame is not None
+        values[-3:] = model.frame.offset
+    return values

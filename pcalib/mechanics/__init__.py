@@ -1,0 +1,1 @@
+"""Robots as rods between anchors: closure, kinematics, statics, workspace."""

@@ -1,0 +1,78 @@
+"""Poses that a robot can take: joint range, working cylinder, commanded tilt and yaw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcalib import rotation
+from pcalib.errors import ReachError
+from pcalib.mechanics import kinematics
+from pcalib.mechanics.mechanism import Pose
+from pcalib.robot import Robot
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Poses that the nominal robot can take within joint range and workspace."""
+
+    q: np.ndarray
+    """(C, nq) [rad or m]."""
+    pose: Pose
+
+
+def allowed(robot: Robot, q: np.ndarray, pose: Pose, status: np.ndarray) -> np.ndarray:
+    """Which poses close, keep to the joint range and lie in the workspace (of the plate's origin C)."""
+    inside = (q >= robot.joint_min - 1e-12).all(axis=-1) & (q <= robot.joint_max + 1e-12).all(axis=-1)
+    inside &= robot.workspace.contains(pose.x)
+    commanded = {3, 4, 5} & set(robot.mechanism.task)
+    turn = rotation.to_quaternion(pose.R) if commanded else None
+    if turn is not None and 5 in commanded:
+        yaw = 2 * np.arctan2(turn[:, 3], turn[:, 0])
+        inside &= np.abs(np.mod(yaw + np.pi, 2 * np.pi) - np.pi) <= robot.workspace.yaw + 1e-9
+    if {3, 4} <= commanded:
+        inside &= np.arccos(np.clip(pose.R[:, 2, 2], -1, 1)) <= robot.workspace.tilt + 1e-9
+    return (status == "ok") & inside
+
+
+def reachable(robot: Robot, n: int, rng: np.random.Generator) -> Candidates:
+    """n random poses in joint range ∩ workspace.
+
+    They are uniform in joint space, or in the workspace where orientation is commanded.
+    """
+    mechanism = robot.mechanism
+    kept_q, kept, count = [], [], 0
+    for _ in range(200):
+        size = max(200, 4 * n)
+        if {3, 4, 5} & set(mechanism.task):
+            found = kinematics.inverse(mechanism, mechanism.nominal, *_targets(robot, size, rng))
+            q = found.q
+        else:
+            q = rng.uniform(robot.joint_min, robot.joint_max, (size, len(mechanism.actuators)))
+            found = kinematics.forward(mechanism, mechanism.nominal, q)
+        good = allowed(robot, q, found.pose, found.status)
+        kept_q.append(q[good])
+        kept.append(found.pose.take(good))
+        count += int(good.sum())
+        if count >= n:
+            break
+    else:
+        raise ReachError(
+            f"only {count} of {n} poses found in the workspace of robot '{robot.name}'\n"
+            "  check [workspace] and [joints] of the robot file"
+        )
+    pose = Pose(*(np.concatenate([getattr(p, a) for p in kept])[:n] for a in ("x", "R", "phi")))
+    return Candidates(np.concatenate(kept_q)[:n], pose)
+
+
+def _targets(robot: Robot, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Random plate positions (N, 3) and rotations (N, 3, 3), uniform in working cylinder, tilt and yaw."""
+    w = robot.workspace
+    radius, azimuth = w.radius * np.sqrt(rng.random(n)), rng.uniform(0, 2 * np.pi, n)
+    position = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), rng.uniform(w.z_min, w.z_max, n)], axis=-1)
+    tilt, towards = w.tilt * np.sqrt(rng.random(n)), rng.uniform(0, 2 * np.pi, n)
+    if 3 not in robot.mechanism.task:
+        tilt = 0 * tilt
+    swing = rotation.exp(np.stack([tilt * np.cos(towards), tilt * np.sin(towards), 0 * tilt], axis=-1))
+    return position, swing @ rotation.about(np.array([0.0, 0.0, 1.0]), rng.uniform(-w.yaw, w.yaw, n))

@@ -1,0 +1,38 @@
+"""The minimisation where a model misses something: it ends, and geometry does not run away to make it good."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pcalib import effects
+from pcalib.fitting import identification
+from pcalib.model import FittedEffect, Model
+
+
+@pytest.mark.parametrize("compliance", [1e-4, 2e-4, 4e-4])
+def test_what_a_model_misses_does_not_widen_the_priors(delta, perturb, measure, compliance):
+    """Positions with one tool know many directions hardly at all; soft drives would hide there as millimetres."""
+    drive = FittedEffect(effects.get("drive_compliance", robot=delta), np.array([compliance]))
+    for seed in range(4):
+        truth = replace(Model.nominal(delta), k=perturb(seed), effects=(drive,))
+        data = measure(truth, 120, seed, tools=(0.2,), rotations=False)
+        found = identification.fit(data, delta)
+        assert found.status == "converged"
+        assert found.prior_scale < 3
+
+
+def test_an_effect_far_larger_than_usual_is_not_shrunk(delta, perturb, measure):
+    """A metre that is 300 ppm off, thirty times what is usual, seen to some 20 ppm: the prior must not pull it back."""
+    scale = effects.get("tracker_scale", robot=delta)
+    tools = np.array([[0, 0, 0], [0, 0, -0.3], [0.2, 0, -0.1]])
+    off = []
+    for seed in range(12):
+        truth = replace(Model.nominal(delta), k=perturb(seed), effects=(FittedEffect(scale, np.array([3e-4])),))
+        data = measure(truth, 120, 5000 + seed, tools=tools)
+        found = identification.fit(data, delta, effects=[FittedEffect(scale, np.zeros(1))])
+        fitted = found.model.effects[0]
+        assert fitted.sigma is not None and 5e-6 < fitted.sigma[0] < 5e-5
+        off.append((fitted.theta[0] - 3e-4) / fitted.sigma[0])
+    assert abs(np.mean(off)) < 3 / np.sqrt(len(off))
+    assert 0.4 < np.std(off) < 1.7
