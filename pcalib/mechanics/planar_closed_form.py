@@ -2,7 +2,8 @@
 
 The general solvers of :mod:`pcalib.mechanics.kinematics` do not use any of this; it is the truth they are tested
 against, and the paper's method as it stands for its reproduction. Parameters k are those of
-:mod:`pcalib.kinds.planar`, (9,) in SI; q (N,) [rad] is one actuator angle per pose, h [m] the tool length. Angles are counted from −y_b towards +x_b.
+:mod:`pcalib.kinds.planar`, (9,) in SI; q (N,) [rad] is one actuator angle per pose, h [m] the tool length. Angles are
+counted from −y_b towards +x_b.
 """
 
 from __future__ import annotations
