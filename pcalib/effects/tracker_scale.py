@@ -19,7 +19,7 @@ class TrackerScale(LibraryEffect):
     title: ClassVar[str] = "the instrument's scale is off"
     variants: ClassVar[tuple[str, ...]] = ("common",)
     channels: ClassVar[tuple[str, ...]] = ("sensor",)
-    wants: ClassVar[tuple[str, ...]] = ("a scale bar: no pose of the robot can show it",)
+    wants: ClassVar[tuple[str, ...]] = ("a scale bar, its ends measured as two tools: no pose can show it",)
 
     @property
     def quantities(self) -> tuple[EffectParameter, ...]:
