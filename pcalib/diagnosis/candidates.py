@@ -9,7 +9,7 @@ import numpy as np
 
 from pcalib import effects, prediction
 from pcalib.diagnosis.channels import Point
-from pcalib.diagnosis.screen import NOT_SEARCHED, Search
+from pcalib.diagnosis.screen import LARGE, NOT_SEARCHED, Search
 from pcalib.effects.base import Effect
 from pcalib.effects.gear_ripple import GearRipple
 from pcalib.model import Model
@@ -34,6 +34,12 @@ class Candidate:
     """(p,) [SI] physical range."""
     search: Search = NOT_SEARCHED
     """How it was found, where it was searched for."""
+
+    @property
+    def limit(self) -> np.ndarray:
+        """(p,) [SI] largest size that is physically possible; several times the usual one where nothing says what is."""
+        furthest = np.maximum(np.abs(self.low), np.abs(self.high))
+        return np.where(np.isfinite(furthest), furthest, LARGE * self.scale)
 
 
 @dataclass(frozen=True)

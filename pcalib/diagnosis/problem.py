@@ -58,7 +58,9 @@ class Problem:
     @cached_property
     def groups(self) -> list[Group]:
         """Candidates, then patterns."""
-        out = [Group(c.spec, self.whitened(c.columns), c.scale, search=c.search) for c in self.candidates]
+        out = [
+            Group(c.spec, self.whitened(c.columns), c.scale, search=c.search, limit=c.limit) for c in self.candidates
+        ]
         for p in self.patterns:
             size = np.full(p.columns.shape[-1], p.size)
             out.append(Group(f"{p.channel} × {p.variable}", self.whitened(p.columns), size, True, p.search))

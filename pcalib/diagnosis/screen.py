@@ -21,7 +21,9 @@ import numpy as np
 ALIAS = 1e-4
 """Sine of the angle below which a direction counts as contained in what is already allowed for."""
 INVISIBLE = 0.5
-"""Noise units: directions that ten times the usual size of an effect moves by less than this cannot be seen."""
+"""Noise units: directions that the largest possible effect moves by less than this cannot be seen."""
+LARGE = 10.0
+"""Usual sizes that are the largest possible where nothing says what is."""
 NUISANCE = 0.05
 """Noise units per prior σ: weaker directions of what the model has are held by the priors and not projected out. To
 project them too would hide effects behind lengths that are wrong by many times their tolerance."""
@@ -57,6 +59,13 @@ class Group:
     """A smooth pattern of the omnibus set: it is never an explanation, only a warning."""
     search: Search = NOT_SEARCHED
     """How it was found, where it was searched for."""
+    limit: np.ndarray | None = None
+    """(p,) largest possible size of each parameter; None: ten times the usual one."""
+
+    @property
+    def furthest(self) -> np.ndarray:
+        """(p,) largest possible size of each parameter."""
+        return LARGE * self.scale if self.limit is None else self.limit
 
 
 @dataclass(frozen=True)
@@ -98,6 +107,8 @@ class Screen:
     full: tuple[np.ndarray, ...]
     """G arrays (p_g,): norm of each column before the nuisance was projected out, noise units per unit parameter."""
     scale: tuple[np.ndarray, ...]
+    limit: tuple[np.ndarray, ...]
+    """G arrays (p_g,) each: usual and largest possible size of the parameters."""
     basis: np.ndarray
     """(M, D) the span in the space of readings."""
     residual: np.ndarray
@@ -158,18 +169,19 @@ class Screen:
 
     def estimate(self, chosen: Sequence[int]) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Least-squares parameters of the chosen groups together and their 1σ, one array (p_g,) per group."""
-        F = np.hstack([self.parts[g] * self.scale[g] for g in chosen])
+        F = np.hstack([self.parts[g] * self.limit[g] for g in chosen])
+        F = np.vstack([F, np.zeros((max(0, F.shape[1] - len(F)), F.shape[1]))])  # or V lacks what no row sees
         U, s, Vt = np.linalg.svd(F, full_matrices=False)
-        seen = s > 0.1 * INVISIBLE
+        seen = s > INVISIBLE
         inverse = np.where(seen, 1.0 / np.where(seen, s, 1.0), 0.0)
-        theta = Vt.T @ (inverse * (U.T @ self.y))
+        theta = Vt.T @ (inverse * (U[: len(self.y)].T @ self.y))
         # Directions that cannot be seen keep all their doubt.
         doubt = np.where(seen, inverse, np.inf)
         with np.errstate(invalid="ignore"):
             spread = np.sqrt(np.nansum(np.where(Vt.T**2 > 1e-12, (Vt.T * doubt) ** 2, 0.0), axis=1))
         cut = np.cumsum([self.parts[g].shape[1] for g in chosen])[:-1]
-        scales = np.concatenate([self.scale[g] for g in chosen])
-        return np.split(theta * scales, cut), np.split(spread * scales, cut)
+        limits = np.concatenate([self.limit[g] for g in chosen])
+        return np.split(theta * limits, cut), np.split(spread * limits, cut)
 
 
 def outside(block: np.ndarray, Q: np.ndarray) -> np.ndarray:
@@ -205,7 +217,7 @@ def screen(
     for group in groups:
         part = project_out(group.columns, U)
         visible.append(part)
-        bases.append(span(part * (10.0 * group.scale), INVISIBLE))
+        bases.append(span(part * group.furthest, INVISIBLE))
     stacked = np.hstack([*bases, np.zeros((len(y), 0))])
     square, V = np.linalg.eigh(stacked.T @ stacked)
     keep = square > 1e-8
@@ -234,6 +246,7 @@ def screen(
         trials=np.array([group.search.trials for group in groups], float),
         full=tuple(np.linalg.norm(group.columns, axis=0) for group in groups),
         scale=tuple(np.asarray(group.scale, float) for group in groups),
+        limit=tuple(np.asarray(group.furthest, float) for group in groups),
         basis=W,
         residual=y,
         y=at,
@@ -246,7 +259,7 @@ def screen(
 
 def joint_span(nuisance: np.ndarray, groups: Sequence[Group]) -> np.ndarray:
     """(M, d) orthonormal basis of nuisance columns and all groups together."""
-    columns = [span(nuisance, NUISANCE)] + [group.columns * (10.0 * group.scale) for group in groups]
+    columns = [span(nuisance, NUISANCE)] + [group.columns * group.furthest for group in groups]
     return span(np.hstack([_unit(c) for c in columns]), 1e-6)
 
 

@@ -16,7 +16,7 @@ FAINT = 0.05
 def visibility(model: Model, data: Measurements, own: Sequence[Effect] = ()) -> dict[str, float]:
     """κ of every effect in its simplest variant: the share of its signal that the geometry cannot take up.
 
-    Effects that these poses cannot show at ten times their usual size have 0.
+    Effects that these poses cannot show at their largest possible size have 0.
     """
     made = problem(model, data, own, all_rows=True)
     screen = made.screen(n_draws=2)

@@ -64,6 +64,21 @@ def test_kappa_by_hand():
     assert found.kappa(0) == pytest.approx(np.sqrt(0.5))
 
 
+def test_what_the_largest_possible_effect_shows_is_visible():
+    """An effect may be a hundred times its usual size: what it does then must not count as something else."""
+    columns = np.eye(M)[:, :2] * [5.0, 0.01]
+    usual = Group("effect", columns, np.ones(2))
+    possible = Group("effect", columns, np.ones(2), limit=np.full(2, 400.0))
+    y = columns @ [1.0, 300.0]
+    for group, seen in ((usual, 1), (possible, 2)):
+        found = screen(y, np.zeros((M, 0)), [group], known(), n_draws=4)
+        assert found.visible.tolist() == [seen]
+        theta, sigma = (a[0] for a in found.estimate((0,)))
+        assert theta[0] == pytest.approx(1.0)
+        assert sigma[1] == (np.inf if seen == 1 else pytest.approx(100.0))
+        assert theta[1] == pytest.approx(0.0 if seen == 1 else 300.0)
+
+
 def test_what_the_nuisance_absorbs_is_invisible():
     rng, nuisance, groups = arrays()
     hidden = Group("hidden", nuisance[:, :2] @ rng.standard_normal((2, 2)), np.ones(2))
