@@ -16,6 +16,9 @@ from pcalib.diagnosis.screen import Screen, outside
 
 ALPHA = 0.05
 """Share of false alarms that is allowed for, over everything that was looked at."""
+AGAINST = 0.02
+"""Level at which data speak against an explanation: the share of true ones that may be dropped. It is lower than that
+of alarms, because a rival that stays for nothing costs a few more poses, a cause that is dropped costs the truth."""
 
 
 @dataclass(frozen=True)
@@ -110,31 +113,41 @@ def _rejected_early(screen: Screen, chosen: Sequence[int], sure: float) -> bool:
     return False
 
 
+def explains(screen: Screen, chosen: Sequence[int]) -> bool:
+    """Whether each of the chosen groups takes up more than chance would, the others allowed for."""
+    for g in chosen:
+        others = [other for other in chosen if other != g]
+        block = outside(screen.blocks[g], screen.joint(others)) if others else screen.blocks[g]
+        T = float(np.sum((screen.y @ block) ** 2))
+        if not block.shape[1] or screen.p_value(T, block.shape[1]) > ALPHA:
+            return False
+    return True
+
+
 def adequate_sets(
     screen: Screen,
     candidates: Sequence[int],
-    largest: int = 2,
-    alpha: float = ALPHA,
+    size: int,
+    level: float = AGAINST,
+    reference: float | None = None,
+    names: Sequence[str] | None = None,
     feasible: Callable[[tuple[int, ...]], bool] = lambda chosen: True,
-    compatible: Callable[[tuple[int, ...]], bool] = lambda chosen: True,
 ) -> list[tuple[int, ...]]:
-    """All adequate sets of the smallest size at which there is one; [()] where nothing is missing, [] where none fits.
+    """All sets of exactly `size` groups that explain something and that data do not speak against.
 
     Args:
-        candidates: groups that may explain.
+        candidates: groups that may explain; the first of two that share a name goes first, and the second is left out.
+        level: share of true sets that may be dropped.
+        reference: critical value with nothing chosen, see :func:`is_adequate`.
+        names: name of every group; variants of one effect share it, and do not make a set together.
         feasible: whether the fitted parameters of a set are physically possible.
-        compatible: whether a set makes sense at all (two variants of one effect do not).
     """
-    reference = critical_value(screen, (), alpha)
-    if is_adequate(screen, (), alpha, reference):
-        return [()]
-    usable = [g for g in candidates if screen.visible[g] > 0]
-    for size in range(1, largest + 1):
-        found = [
-            chosen
-            for chosen in combinations(usable, size)
-            if compatible(chosen) and is_adequate(screen, chosen, alpha, reference) and feasible(chosen)
-        ]
-        if found:
-            return found
-    return []
+    names = screen.names if names is None else names
+    found: dict[tuple[str, ...], tuple[int, ...]] = {}
+    for chosen in combinations([g for g in candidates if screen.visible[g] > 0], size):
+        called = tuple(sorted({names[g] for g in chosen}))
+        if len(called) < size or called in found or not explains(screen, chosen):
+            continue
+        if is_adequate(screen, chosen, level, reference) and feasible(chosen):
+            found[called] = chosen
+    return list(found.values())

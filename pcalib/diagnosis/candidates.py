@@ -37,7 +37,7 @@ class Candidate:
 
     @property
     def limit(self) -> np.ndarray:
-        """(p,) [SI] largest size that is physically possible; several times the usual one where nothing says what is."""
+        """(p,) [SI] largest possible size; several times the usual one where nothing says what is."""
         furthest = np.maximum(np.abs(self.low), np.abs(self.high))
         return np.where(np.isfinite(furthest), furthest, LARGE * self.scale)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy, limits
-from pcalib.diagnosis.adequacy import ALPHA, Test
+from pcalib.diagnosis.adequacy import AGAINST, ALPHA, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
 from pcalib.diagnosis.misfit import Misfit, misfit
 from pcalib.diagnosis.noise import NoiseLevel
@@ -77,7 +77,18 @@ class _World:
     prefix: tuple[str, ...]
     problem: Problem
     screen: Screen
-    critical: float
+    null: np.ndarray
+    """(n,) smallest p of noise draws, ascending."""
+
+    def adequate(self, size: int, level: float) -> list[tuple[int, ...]]:
+        """Sets of exactly `size` effects beside the geometry level, the simplest variant of each combination."""
+        made, screen = self.problem, self.screen
+        effects = [g for g, c in enumerate(made.candidates) if c.effect is not None]
+        effects.sort(key=lambda g: len(made.candidates[g].scale))
+        return adequacy.adequate_sets(
+            screen, effects, size, level, float(np.quantile(self.null, level)),
+            names=[c.name for c in made.candidates], feasible=lambda chosen: possible(made, screen, chosen),
+        )  # fmt: skip
 
 
 def diagnose(
@@ -89,6 +100,7 @@ def diagnose(
     n_draws: int = N_DRAWS,
     seed: int = 0,
     without: Sequence[str] = (),
+    against: float = AGAINST,
 ) -> Diagnosis:
     """Which effect is missing from a model.
 
@@ -98,6 +110,7 @@ def diagnose(
         alpha: false alarms allowed for, over everything that is looked at.
         n_draws: Monte-Carlo draws of pure noise.
         without: names of effects that are not considered, because they are known not to be there.
+        against: share of true explanations that may be dropped.
 
     Raises:
         InputError: too few readings to say anything.
@@ -115,7 +128,8 @@ def diagnose(
     start = adequacy.p_values(screen)
     null = adequacy.null_distribution(screen)
     critical = float(np.quantile(null, alpha))
-    sets = _explanations(_World((), made, screen, critical), data, own, largest, alpha, n_draws, seed, without)
+    levels = (alpha, *[against] * largest)
+    sets = _explanations(_World((), made, screen, null), data, own, levels, n_draws, seed, without)
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)
     tested = [f.candidate.name for f in findings if not f.note and f.candidate.effect is not None]
@@ -138,52 +152,32 @@ def _explanations(
     start: _World,
     data: Measurements,
     own: Sequence[Effect],
-    largest: int,
-    alpha: float,
+    levels: Sequence[float],
     n_draws: int,
     seed: int,
     without: Sequence[str] = (),
 ) -> list[Explanation]:
-    """The smallest adequate sets over all geometry levels, one per combination of names, best first."""
+    """The smallest adequate sets over all geometry levels, one per combination of names, best first.
+
+    Args:
+        levels: at which data speak against a set, by its size from none on.
+    """
     worlds, made = [start], start.problem
-    for size in range(largest + 1):
+    for size, level in enumerate(levels):
         found: dict[tuple[str, ...], Explanation] = {}
         for world in worlds:
             room = size - len(world.prefix)
-            if room < 0 or any(set(world.prefix) > {"_"} and _simpler(world.prefix, names, made) for names in found):
+            if room < 0 or any(_simpler(names, world.prefix, made) for names in found):
                 continue
-            for chosen in adequate(world.problem, world.screen, room, alpha, world.critical):
+            for chosen in world.adequate(room, level):
                 explained = _explanation(world, chosen)
                 found.setdefault(explained.names, explained)
         if found:
             ordered = sorted(found.values(), key=lambda e: e.bic)
             return [_checked(e, made, data) if len(ordered) == 1 and e.names else e for e in ordered]
         if size == 0:  # something is missing: now it is worth the refits at richer levels
-            worlds += _richer(made, data, own, alpha, n_draws, seed, without)
+            worlds += _richer(made, data, own, n_draws, seed, without)
     return []
-
-
-def adequate(
-    made: Problem, screen: Screen, size: int, alpha: float = ALPHA, reference: float | None = None
-) -> list[tuple[int, ...]]:
-    """Adequate sets of exactly `size` effects, simplest variants first.
-
-    Args:
-        reference: critical value with nothing chosen, see :func:`adequacy.is_adequate`.
-    """
-    from itertools import combinations
-
-    usable = [g for g, c in enumerate(made.candidates) if c.effect is not None and screen.visible[g] > 0]
-    usable.sort(key=lambda g: len(made.candidates[g].scale))
-    out, seen = [], set()
-    for chosen in combinations(usable, size):
-        names = tuple(sorted(made.candidates[g].name for g in chosen))
-        if len(set(names)) < size or names in seen:
-            continue
-        if adequacy.is_adequate(screen, chosen, alpha, reference) and possible(made, screen, chosen):
-            seen.add(names)
-            out.append(chosen)
-    return out
 
 
 def possible(made: Problem, screen: Screen, chosen: Sequence[int]) -> bool:
@@ -211,18 +205,17 @@ def within_range(made: Problem, screen: Screen, chosen: Sequence[int]) -> tuple[
     return np.split(bounded * scale, np.cumsum([len(t) for t in theta])[:-1]), rise
 
 
-def _simpler(prefix: tuple[str, ...], names: tuple[str, ...], made: Problem) -> bool:
-    """Whether a set found already has a level below the one of `prefix`."""
+def _simpler(names: tuple[str, ...], prefix: tuple[str, ...], made: Problem) -> bool:
+    """Whether what was found already does with a level below the one of `prefix`, which then does nothing more."""
     levels = made.model.robot.mechanism.levels
-    found = [n for n in names if n in levels]
-    return bool(found) and levels[found[0]].basis.shape[1] < levels[prefix[0]].basis.shape[1]
+    mine = [levels[n].basis.shape[1] for n in names if n in levels]
+    return bool(mine and prefix) and mine[0] < levels[prefix[0]].basis.shape[1]
 
 
 def _richer(
     made: Problem,
     data: Measurements,
     own: Sequence[Effect],
-    alpha: float,
     n_draws: int,
     seed: int,
     without: Sequence[str],
@@ -239,7 +232,7 @@ def _richer(
         known = made.noise if made.noise.source == "replicates" else None
         rebuilt = problem(fitted, data, own, known, without=without)
         screen = rebuilt.screen(n_draws, seed)
-        out.append(_World((candidate.name,), rebuilt, screen, adequacy.critical_value(screen, (), alpha)))
+        out.append(_World((candidate.name,), rebuilt, screen, adequacy.null_distribution(screen)))
     return out
 
 

@@ -40,7 +40,13 @@ def build(seed, theta=None, dof=np.inf, noise=1.0, n_draws=600):
 
 
 def sets(made, largest=2):
-    return {tuple(made.names[g] for g in s) for s in adequacy.adequate_sets(made, range(6), largest)}
+    """The smallest ones."""
+    if adequacy.is_adequate(made, ()):
+        return {()}
+    for size in range(1, largest + 1):
+        if found := adequacy.adequate_sets(made, range(6), size):
+            return {tuple(made.names[g] for g in s) for s in found}
+    return set()
 
 
 def limit(n, rate=0.05):
@@ -119,9 +125,24 @@ def test_the_best_of_many_tried_is_held_to_more():
     assert adequacy.p_values(searched).p[g] == pytest.approx(1 - (1 - single) ** 50)
 
 
-def test_infeasible_and_incompatible_sets_are_left_out():
-    made = build(0, {"c": 9.0})
-    g = made.names.index("c")
-    assert (g,) in adequacy.adequate_sets(made, range(6), 1)
-    assert (g,) not in adequacy.adequate_sets(made, range(6), 1, feasible=lambda s: g not in s)
-    assert adequacy.adequate_sets(made, range(6), 1, compatible=lambda s: False) == []
+def test_infeasible_sets_are_left_out_and_of_variants_the_first_is_kept():
+    made = build(0, {"a": 7.0})
+    a, alias = made.names.index("a"), made.names.index("alias of a")
+    assert {(a,), (alias,)} <= set(adequacy.adequate_sets(made, range(6), 1))
+    assert (a,) not in adequacy.adequate_sets(made, range(6), 1, feasible=lambda s: a not in s)
+    variants = ["a" if name.endswith("a") else name for name in made.names]
+    assert [s for s in adequacy.adequate_sets(made, range(6), 1, names=variants) if s[0] in (a, alias)] == [(a,)]
+    assert not any({a, alias} <= set(s) for s in adequacy.adequate_sets(made, range(6), 2, names=variants))
+
+
+def test_what_takes_up_nothing_explains_nothing():
+    """However little speaks against it: else any effect would explain a misfit that is barely significant."""
+    made = build(2, {"c": 7.0})
+    c, d = made.names.index("c"), made.names.index("d")
+    assert adequacy.explains(made, (c,))
+    assert not adequacy.explains(made, (d,)) and not adequacy.explains(made, (c, d))
+    assert adequacy.is_adequate(made, (c, d), adequacy.AGAINST)
+    kept = adequacy.adequate_sets(made, range(6), 2)
+    assert (c, d) not in kept
+    both = build(2, {"c": 7.0, "d": 7.0})
+    assert adequacy.explains(both, (c, d))

@@ -8,6 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench import plan as plans
+from bench import simulate
+from bench import truth as truths
+from bench.instrument import Instrument
 from pcalib.diagnosis import results, telling
 from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.evidence import evidence
@@ -89,6 +93,16 @@ def test_incomplete_geometry_is_what_is_missing(measured, robot, level):
     data, _ = measured()
     found = diagnose(identification.fit(data, robot, level).model, data, n_draws=ENOUGH_DRAWS)
     assert found.verdict == "established" and found.established == ("complete",)
+
+
+def test_the_simplest_geometry_that_does_is_the_answer(robot):
+    """Richer levels do as well; they are no rivals, because they hold nothing that is needed."""
+    basis = np.linalg.qr(robot.mechanism.levels["model24"].basis)[0]
+    errors = basis @ (basis.T @ truths.draw_errors(robot, 1e-4, np.radians(0.05), 1))
+    made = truths.Truth(robot, errors, Instrument(sigma_pos=15e-6, sigma_rot=60e-6))
+    data = simulate.run(made, plans.make(robot, "rich", 120, check=30, seed=1), 1).measurements
+    found = diagnose(identification.fit(data, robot, "classical").model, data, n_draws=ENOUGH_DRAWS)
+    assert found.verdict == "established" and found.established == ("model24",)
 
 
 def test_incomplete_geometry_and_an_effect(measured, robot):
