@@ -163,14 +163,15 @@ def parse_quantity(text: str, dimension: str, *, option: str = "value") -> np.nd
     Raises:
         InputError: no unit, an unknown or wrong unit, or text that is no number.
     """
-    accepted = ", ".join(u.suffix for u in UNITS.values() if u.dimension == dimension)
+    suffixes = [u.suffix for u in UNITS.values() if u.dimension == dimension]
+    accepted = ", ".join(suffixes)
     match = re.fullmatch(rf"\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*([A-Za-z_0-9]*)\s*", text)
     if not match:
         raise InputError(f"{option} '{text}' is not a list of numbers with a unit", remedy=f"units: {accepted}")
     unit = UNITS.get(match.group(2))
     if unit is None or unit.dimension != dimension:
         said = f"unknown unit '{match.group(2)}'" if match.group(2) else "no unit"
-        example = f"{match.group(1)}{next(s for s in ('mm', 'deg', 'kg', *accepted.split(', ')) if s in accepted)}"
+        example = f"{match.group(1)}{next(s for s in ('mm', 'deg', 'kg', *suffixes) if s in suffixes)}"
         raise InputError(f"{option} '{text}': {said}", remedy=f"end it with one of {accepted}, e.g. {example}")
     values = np.array([float(v) for v in match.group(1).split(",")]) * unit.factor
     if not np.isfinite(values).all():

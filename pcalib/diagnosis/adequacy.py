@@ -40,13 +40,17 @@ def p_values(screen: Screen, chosen: Sequence[int] = ()) -> Test:
     d = np.array([b.shape[1] for b in blocks])
     T = np.array([float(np.sum((screen.y @ b) ** 2)) for b in blocks])
     p = np.where(d > 0, screen.p_value(T, np.maximum(d, 1)), 1.0)
-    best_of = screen.trials > 1
-    p[best_of] = -np.expm1(screen.trials[best_of] * np.log1p(-np.minimum(p[best_of], 1 - 1e-15)))
+    p = best_of(p, screen.trials)
     hottest = int(np.argmin(p)) if len(p) else -1
     smallest = float(p[hottest]) if len(p) else 1.0
     if screen.left is not None and (rest := float(screen.p_value(*screen.left))) < smallest:
         smallest, hottest = rest, -1
     return Test(tuple(chosen), p, smallest, hottest)
+
+
+def best_of(p: np.ndarray, trials: np.ndarray) -> np.ndarray:
+    """p values (…) of the best of so many independent tries, from those of one try."""
+    return np.where(trials > 1, -np.expm1(trials * np.log1p(-np.minimum(p, 1 - 1e-15))), p)
 
 
 def null_distribution(screen: Screen, chosen: Sequence[int] = ()) -> np.ndarray:
@@ -96,7 +100,7 @@ def is_adequate(screen: Screen, chosen: Sequence[int], alpha: float = ALPHA, ref
     smallest = p_values(screen, chosen).smallest
     if smallest > safe:
         return True
-    return smallest > sure and smallest > critical_value(screen, chosen, alpha)
+    return smallest > sure and smallest >= critical_value(screen, chosen, alpha)
 
 
 def _rejected_early(screen: Screen, chosen: Sequence[int], sure: float) -> bool:
@@ -119,7 +123,7 @@ def explains(screen: Screen, chosen: Sequence[int]) -> bool:
         others = [other for other in chosen if other != g]
         block = outside(screen.blocks[g], screen.joint(others)) if others else screen.blocks[g]
         T = float(np.sum((screen.y @ block) ** 2))
-        if not block.shape[1] or screen.p_value(T, block.shape[1]) > ALPHA:
+        if not block.shape[1] or best_of(screen.p_value(T, block.shape[1]), screen.trials[g]) > ALPHA:
             return False
     return True
 

@@ -15,7 +15,7 @@ from pcalib.diagnosis.misfit import Misfit, misfit
 from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem
-from pcalib.diagnosis.screen import Screen
+from pcalib.diagnosis.screen import NUISANCE, Screen
 from pcalib.diagnosis.verdict import Explanation, decide, refuted
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
@@ -250,7 +250,7 @@ def _explanation(world: _World, chosen: tuple[int, ...]) -> Explanation:
     if chosen:
         Q = screen.joint(chosen)
         rest = rest - np.sum((Q.T @ screen.y) ** 2)
-    columns = sum(len(made.candidates[g].scale) for g in chosen) + np.linalg.matrix_rank(made.nuisance, 1e-3)
+    columns = sum(len(made.candidates[g].scale) for g in chosen) + np.linalg.matrix_rank(made.nuisance, NUISANCE)
     return Explanation(
         names=tuple(members[i].name for i in order),
         specs=tuple(members[i].spec for i in order),

@@ -24,6 +24,8 @@ ENOUGH_REST = 60
 """Degrees of freedom outside all groups from which on their scatter may stand in for replicates."""
 ENOUGH_BESIDE = 20
 """The same where it only sharpens what replicates say."""
+_NOTHING = 1e-6
+"""Share of the largest variance below which one is taken for zero: a thousandth of its σ."""
 _CLEAR = 1.0
 """Joint repeatability is taken into account where its variance is this many of its σ above zero."""
 
@@ -273,7 +275,7 @@ def _scored(
     theta = np.zeros(3)
     theta[chosen] = 1.0
     A = np.eye(len(chosen))
-    for _ in range(8):
+    for _ in range(40):
         before = theta.copy()
         try:
             full, b = normal(theta)
@@ -283,11 +285,11 @@ def _scored(
             return None
         if not np.isfinite(theta).all():
             return None
-        # Where joints make nearly all the noise the instrument's share is small, not negative.
-        theta[chosen] = np.maximum(theta[chosen], 0.02 * theta.max())
+        # A share that is not there tends to zero and never below; each class has a scale of its own.
+        theta[chosen] = np.maximum(theta[chosen], 0.02 * before[chosen])
         if not theta.max() > 0:
             return None
-        if np.abs(theta - before).max() < 1e-3 * theta.max():
+        if np.all(np.abs(theta - before) < 1e-3 * theta + _NOTHING * theta.max()):
             break
     return theta, np.linalg.inv(A)
 

@@ -60,7 +60,8 @@ def find(y: np.ndarray, Q: np.ndarray, row: np.ndarray, n_rows: int) -> Outliers
         scale = max(float(middle), 1e-12)
         p = np.ones(n_rows)
         p[known] = chdtrc(d[known], T[known] / scale)
-        worst = int(np.argmax(np.where(known, T / np.maximum(d, 1), 0.0)))
+        # Rows of few readings are rarely far off; where p of several underflows, the farthest off is the worst.
+        worst = int(np.lexsort((-T / np.maximum(d, 1), p))[0])
         if p[worst] * n_rows > RARE:
             break
         taken.append(worst)

@@ -14,6 +14,7 @@ import numpy as np
 from pcalib.diagnosis.adequacy import corrected
 from pcalib.diagnosis.channels import Point, Response
 from pcalib.diagnosis.screen import NOT_SEARCHED, Screen, Search
+from pcalib.effects.base import Contribution
 
 CHANNELS = {
     "actuator": "motor angles",
@@ -208,9 +209,7 @@ def _lever(point: Point) -> np.ndarray | None:
     tool = point.situation.tool
     if not np.ptp(tool, axis=0).any():
         return None
-    arm = (point.prediction.pose.R @ tool[..., None])[..., 0]
-    turned = np.cross(np.eye(3)[:, None], arm)  # (3, N, 3)
-    return np.concatenate([turned, np.zeros_like(turned)], axis=-1).transpose(1, 2, 0)
+    return point.columns([Contribution(tool=np.cross(axis, tool)) for axis in np.eye(3)])
 
 
 def _each(response: np.ndarray, functions) -> np.ndarray:

@@ -259,7 +259,7 @@ def screen(
 
 def joint_span(nuisance: np.ndarray, groups: Sequence[Group]) -> np.ndarray:
     """(M, d) orthonormal basis of nuisance columns and all groups together."""
-    columns = [span(nuisance, NUISANCE)] + [group.columns * group.furthest for group in groups]
+    columns = [span(nuisance, NUISANCE)] + [group.columns for group in groups]
     return span(np.hstack([_unit(c) for c in columns]), 1e-6)
 
 

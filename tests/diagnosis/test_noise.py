@@ -54,6 +54,13 @@ class TestVarianceComponents:
         assert {tuple(np.round(g.dof)) for g in got if not g.sigma_q} == {(90.0, 90.0)}
         assert np.mean([g.sigma_q > 0 for g in got]) < 0.3
 
+    @pytest.mark.parametrize("true", [(0.1, 1.0), (1.0, 0.05)])
+    def test_each_class_has_a_scale_of_its_own(self, data, true):
+        """However far the stated σ of one is off; and what is not seen is not made up for by the joints."""
+        got = [replicated(data, blocks(np.random.default_rng(s), *true, 0, True)) for s in range(40)]
+        np.testing.assert_allclose(np.sqrt(np.mean(totals(got) ** 2, axis=0)), true, rtol=0.04)
+        assert np.mean([g.sigma_q > 0 for g in got]) < 0.3
+
     def test_joint_repeatability_is_told_from_the_instrument(self, data):
         joint = 9e-5  # 2.7 noise units at the plate
         got = [replicated(data, blocks(np.random.default_rng(s), 1, 1, joint, True)) for s in range(40)]
@@ -166,6 +173,15 @@ class TestOutliers:
         y[row == 80] -= 40
         found = outliers.find(y, Q, row, 100)
         assert sorted(found.rows) == [17, 80] and not found.too_many
+
+    def test_a_reading_somewhat_off_does_not_hide_a_pose_far_off(self):
+        """Per reading the single one is farther off; but one in a thousand is, and never six together."""
+        row = np.concatenate([np.repeat(np.arange(50), 6), 50 + np.arange(10)])
+        for seed in range(5):
+            y = np.random.default_rng(seed).standard_normal(len(row))
+            y[row == 3] += 4.0
+            y[row == 55] = 4.5
+            assert 3 in outliers.find(y, np.zeros((len(y), 0)), row, 60).rows
 
     def test_many_are_no_outliers(self):
         rng = np.random.default_rng(3)

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcalib import prediction
+from pcalib import prediction, rotation
 from pcalib.diagnosis.candidates import candidates, richer_levels
 from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.patterns import legendre, patterns
+from pcalib.effects.base import Contribution
 from pcalib.fitting import linearisation
-from pcalib.model import FittedEffect
+from pcalib.model import FittedEffect, Frame
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +47,21 @@ def test_actuator_pattern_is_what_moving_the_motor_does(point):
                 moved.append(prediction.predict(point.model, changed, _conditions(point)).position)
             slope = (moved[0] - moved[1]) / (2 * h)
             np.testing.assert_allclose(cell.columns[:, :3, i * degrees + n], slope, atol=1e-6)
+
+
+def test_the_tool_pattern_holds_turns_of_the_tool_in_any_measuring_frame(point):
+    turned = Frame(rotation.exp(np.array([0.8, 1.2, 0.3])), np.array([1.0, 2.0, 0.5]))
+    model = replace(point.model, frame=turned)
+    conditions = _conditions(point)
+    there = Point.of(model, prediction.predict(model, point.situation.q, conditions), conditions)
+    load = point.situation.payload - (point.situation.payload.max() + point.situation.payload.min()) / 2
+    for at in (point, there):
+        cell = next(p for p in patterns(at, 60, 400) if (p.channel, p.variable) == ("tool", "payload"))
+        twist = np.cross([1.0, -0.5, 0.3], at.situation.tool) * load[:, None]
+        signal = at.columns([Contribution(tool=twist)])[..., 0].ravel()
+        columns = cell.columns.reshape(len(signal), -1)
+        left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0]
+        assert np.linalg.norm(left) < 1e-9 * np.linalg.norm(signal)
 
 
 def test_candidate_columns_are_derivatives_of_the_reading(point):
