@@ -86,7 +86,7 @@ def compare(
 
     fit, check = judged(~data.check), judged(data.check)
     assert fit is not None
-    found = misfit(made)
+    found = misfit(screen)
     return Comparison(
         fit=fit[0],
         check=check[0] if check else None,

@@ -142,7 +142,7 @@ def diagnose(
         cells=cells(made.patterns, len(made.candidates), screen, start.p, null),
         unavailable=made.unavailable,
         noise=made.noise,
-        misfit=misfit(made),
+        misfit=misfit(screen),
         problem=made,
         critical=critical,
     )

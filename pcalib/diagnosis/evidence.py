@@ -13,6 +13,7 @@ from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.candidates import Candidate, richer_levels
 from pcalib.diagnosis.compare import noise_of
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible, with_effects
+from pcalib.diagnosis.patterns import FINE, recorded
 from pcalib.diagnosis.screen import Screen
 from pcalib.effects.base import Effect, Situation
 from pcalib.errors import EffectError, FitError, InputError, unknown
@@ -238,11 +239,10 @@ def _variable(at: Situation, variable: str, channel: str) -> np.ndarray | None:
     """(N, places) values of a variable at every arm or rod; None for mixed ones."""
     n = at.q.shape[1] if channel == "actuator" else at.tension.shape[1]
     if channel == "actuator":
-        own = {"q": at.q, "torque": at.torque, "direction": at.directions()}
+        own = {"q": at.q, FINE: at.q, "torque": at.torque, "direction": at.directions()}
     else:
         own = {"tension": at.tension, "sign of the rod force": at.tension}
     if variable in own:
         return own[variable]
-    recorded = {"payload": at.payload, "temperature": at.columns.get("temp_arms")} | dict(at.columns)
-    values = recorded.get(variable)
+    values = recorded(at).get(variable)
     return None if values is None else np.repeat(np.asarray(values, float)[:, None], n, axis=1)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcalib.diagnosis.problem import Problem
-from pcalib.diagnosis.screen import KNOWN, NUISANCE, project_out, span
+from pcalib.diagnosis.screen import Screen
 
 
 @dataclass(frozen=True)
@@ -26,16 +25,14 @@ class Misfit:
         return float(np.sqrt(self.chi2_dof))
 
 
-def misfit(made: Problem) -> Misfit:
-    """The misfit of a model against the noise level of its problem."""
-    from scipy.special import chdtrc, fdtrc
+def misfit(screen: Screen) -> Misfit:
+    """The misfit of a model against the noise level of its problem.
 
-    U = span(made.nuisance, NUISANCE)
-    rest = project_out(made.y, U)
-    dof = len(rest) - U.shape[1]
+    Where that level was read off what no group holds, only what groups hold is tested against it: else the same
+    residuals would stand above and below the line.
+    """
+    total, dof = float(screen.residual @ screen.residual), screen.free
     if dof < 1:
         return Misfit(float("nan"), 0, 1.0)
-    T = float(rest @ rest)
-    nu = float(np.sum(made.noise.dof[np.unique(made.classes)]))
-    p = chdtrc(dof, T) if not nu < KNOWN else fdtrc(dof, nu, T / dof)
-    return Misfit(T / dof, dof, float(p))
+    T, d = (float(screen.y @ screen.y), len(screen.y)) if screen.left is None else (total, dof)
+    return Misfit(total / dof, dof, float(screen.p_value(T, d)) if d else 1.0)

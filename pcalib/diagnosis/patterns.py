@@ -14,7 +14,7 @@ import numpy as np
 from pcalib.diagnosis.adequacy import corrected
 from pcalib.diagnosis.channels import Point, Response
 from pcalib.diagnosis.screen import NOT_SEARCHED, Screen, Search
-from pcalib.effects.base import Contribution
+from pcalib.effects.base import Contribution, Situation
 
 CHANNELS = {
     "actuator": "motor angles",
@@ -163,7 +163,7 @@ def _cells(point: Point, response: Response, seen: np.ndarray) -> Iterator:
     if np.any(direction):
         yield "body", "direction", products(body, direction)
     turn = _lever(point)
-    for variable, values in _recorded(point).items():
+    for variable, values in recorded(at).items():
         less = 1 if variable == "time" else 2  # degrees below that of angles: what is recorded acts smoothly
         yield "body", variable, shared(body, values, less)
         if variable.startswith("tool"):
@@ -184,9 +184,8 @@ def _cells(point: Point, response: Response, seen: np.ndarray) -> Iterator:
         )  # fmt: skip
 
 
-def _recorded(point: Point) -> Mapping[str, np.ndarray]:
-    """Variables recorded once per pose that take more than one value, each content once."""
-    at = point.situation
+def recorded(at: Situation) -> Mapping[str, np.ndarray]:
+    """Variables recorded once per pose that take more than one value, each content once, (N,) by name."""
     named = {"payload": at.payload} | {c: v for c, v in at.columns.items() if not c.startswith("dir")}
     if {"temp_arms", "temp_rods", "temp_base"} & named.keys():
         named.pop("temp", None)

@@ -20,6 +20,7 @@ from pcalib.diagnosis.ripple import scanned
 from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, screen, span
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
+from pcalib.fitting.sufficiency import require_reach
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.model import Model
 
@@ -133,6 +134,7 @@ def problem(
 def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without: Sequence[str]) -> Problem:
     unknowns = unknowns_of(model, model.level, model.effects, fit.frame == "tracker")
     linear = linearisation.linearise(model, fit, unknowns)
+    require_reach(linear.prediction, fit)
     point = Point.of(model, linear.prediction, linearisation.conditions_of(fit))
     nuisance = linear.jacobian * unknowns.scale * _spread(model, unknowns)
 

@@ -113,6 +113,8 @@ class Screen:
     """(M, D) the span in the space of readings."""
     residual: np.ndarray
     """(M,) readings less what the nuisance takes up."""
+    free: int
+    """Degrees of freedom of it."""
     y: np.ndarray
     """(D,) residuals."""
     draws: np.ndarray
@@ -249,6 +251,7 @@ def screen(
         limit=tuple(np.asarray(group.furthest, float) for group in groups),
         basis=W,
         residual=y,
+        free=len(y) - U.shape[1],
         y=at,
         draws=draws,
         left=None if from_rest or left[1] < REST else left,

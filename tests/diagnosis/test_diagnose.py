@@ -12,6 +12,7 @@ from bench import plan as plans
 from bench import simulate
 from bench import truth as truths
 from bench.instrument import Instrument
+from pcalib import robot as robots
 from pcalib.diagnosis import results, telling
 from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.evidence import evidence
@@ -19,7 +20,7 @@ from pcalib.diagnosis.kinship import kinship
 from pcalib.diagnosis.steps import add, drop
 from pcalib.diagnosis.visibility import visibility
 from pcalib.effects import get, parse
-from pcalib.errors import EffectError
+from pcalib.errors import EffectError, InputError
 from pcalib.fitting import identification
 from pcalib.fitting.linearisation import residuals
 from pcalib.model import FittedEffect, Model
@@ -226,6 +227,24 @@ class TestSteps:
         bare = replace(data, columns={})
         with pytest.raises(EffectError, match="needs columns that the data do not have: time"):
             add(model, bare, "base_drift")
+
+
+def test_a_row_out_of_reach_is_refused_and_not_judged(measured):
+    data, model = measured()
+    q = data.q.copy()
+    q[3] = np.radians([-95.0, 90.0, 90.0])
+    with pytest.raises(InputError, match="cannot close its loops") as error:
+        diagnose(model, replace(data, q=q), n_draws=ENOUGH_DRAWS)
+    assert error.value.line == data.lines[3]
+
+
+def test_the_telling_plot_of_a_ripple_with_named_cycles_is_over_the_angle(measured, robot):
+    """The pattern that it resembles are fast waves in q, and the plot is over q."""
+    data, model = measured((("gear_ripple", 1.0),))
+    named = robots.parse(f"{robot.text}\n[drive]\nripple_per_turn = [24]\n", "delta.toml")
+    shown = evidence(replace(model, robot=named), data, "gear_ripple").by_variable
+    assert shown is not None and shown.channel == "actuator"
+    assert np.ptp(shown.x) > np.radians(40) and np.ptp(shown.curve) > 1e-5
 
 
 USER = """

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from pcalib.diagnosis import adequacy
+from pcalib.diagnosis.misfit import misfit
 from pcalib.diagnosis.screen import Group, Noise, outside, project_out, screen, span
 
 M = 150
@@ -149,3 +150,19 @@ def test_span_and_projection():
     U = span(A, 1e-3)
     assert U.shape == (30, 3)
     assert np.abs(U.T @ project_out(rng.standard_normal((30, 5)), U)).max() < 1e-12
+
+
+@pytest.mark.parametrize("from_rest", [False, True], ids=["from replicates", "from what is left"])
+def test_the_misfit_of_pure_noise_is_uniform(from_rest):
+    """Also where the level was read off the same residuals: its directions are not tested against themselves."""
+    rng, nuisance, groups = arrays()
+    U = np.linalg.qr(np.hstack([nuisance, *(g.columns for g in groups)]))[0]
+    nu, p = M - U.shape[1], []
+    for _ in range(300):
+        y = rng.standard_normal(M)
+        rest = project_out(y, U)
+        level = np.sqrt((rest @ rest if from_rest else rng.chisquare(nu)) / nu)
+        noise = Noise(np.zeros(M, int), np.array([float(nu)]))
+        scaled = [Group(g.name, g.columns / level, g.scale) for g in groups]
+        p.append(misfit(screen(y / level, nuisance / level, scaled, noise, from_rest=from_rest, n_draws=2)).p)
+    assert stats.kstest(p, "uniform").pvalue > 0.001
