@@ -31,6 +31,14 @@ def size(metres: float) -> str:
     return f"{micro:.1f} µm" if abs(micro) >= 0.05 or micro == 0 else f"{micro:.1e} µm"
 
 
+def angle(radians: float) -> str:
+    """A small rotation: µrad, or mrad from 10 mrad on; '–' where there is none."""
+    if not np.isfinite(radians):
+        return "–"
+    micro = radians * 1e6
+    return f"{radians * 1e3:.1f} mrad" if abs(micro) >= 9999.5 else f"{micro:.{1 if abs(micro) < 99.5 else 0}f} µrad"
+
+
 def round_size(metres: float) -> str:
     """A round length, as on a scale: '10 µm', '1 mm'."""
     return f"{metres * 1e3:g} mm" if metres >= 0.999e-3 else f"{metres * 1e6:g} µm"

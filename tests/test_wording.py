@@ -42,3 +42,9 @@ def test_effect_in_its_own_unit():
 
     fitted = FittedEffect(Plain(), np.array([8e-5]), sigma=np.array([2e-6]))  # pyright: ignore[reportArgumentType]
     assert wording.effect(fitted) == "plain: c = 80 ± 2 µrad/N·m"
+
+
+def test_rotations_have_a_unit_that_fits():
+    assert [wording.angle(x) for x in (2.04e-5, 2.647e-3, 0.0213, float("nan"))] == [
+        "20.4 µrad", "2647 µrad", "21.3 mrad", "–",
+    ]  # fmt: skip

@@ -21,9 +21,7 @@ def finish(step: Step, model: Model, data: Path, output: Path) -> None:
 
     say(telling.step_sentence(step))
     print()
-    show_table(
-        ("", "rows", "RMS before", "RMS after", "χ²/dof before", "after"), telling.before_after(step.before, step.after)
-    )
+    show_table(telling.BEFORE_AFTER, telling.before_after(step.before, step.after))
     for line in telling.step_lines(step):
         say(f"- {line}")
     moved = step.moved()

@@ -47,10 +47,7 @@ def command(
         say(f"- {line}")
     if found.before is not None and found.after is not None:
         print()
-        show_table(
-            ("", "rows", "RMS before", "RMS after", "χ²/dof before", "after"),
-            telling.before_after(found.before, found.after),
-        )
+        show_table(telling.BEFORE_AFTER, telling.before_after(found.before, found.after))
     if plot is not None:
         from pcalib.diagnosis import figures
 

@@ -52,12 +52,28 @@ class Step:
 
 
 def held_out_gain(before: Fit, after: Fit) -> float | None:
-    """By how many standard errors the squared held-out errors fell, pose by pose; None with fewer than three."""
-    old, new = (np.nansum(f.error[f.held, :3] ** 2, axis=1) for f in (before, after))
-    if len(old) < 3:
+    """By how many standard errors the squared held-out errors fell, pose by pose, every reading in units of its σ;
+    None with fewer than three poses."""
+    fell = _fell(before, after).sum(axis=1)
+    if len(fell) < 3:
         return None
-    spread = np.std(old - new, ddof=1) * np.sqrt(len(old))
-    return float(np.sum(old - new) / spread) if spread > 0 else 0.0
+    spread = np.std(fell, ddof=1) * np.sqrt(len(fell))
+    return float(np.sum(fell) / spread) if spread > 0 else 0.0
+
+
+def by_rotations(before: Fit, after: Fit) -> bool:
+    """Whether held-out rotations changed by more than positions did, both in units of the noise."""
+    position, rotation = np.abs(_fell(before, after).reshape(-1, 2, 3).sum(axis=(0, 2)))
+    return bool(rotation > position)
+
+
+def _fell(before: Fit, after: Fit) -> np.ndarray:
+    """(n, 6) by how much the squared readings of held-out poses fell [σ²]; 0 where neither level can explain them."""
+    old, new = ((f.error[f.held] / f.sigma[f.held]) ** 2 for f in (before, after))
+    fell = np.nan_to_num(old - new)
+    if before.unknowns.level.perfect and after.unknowns.level.perfect and fell[:, :3].any():
+        fell[:, 3:] = 0.0
+    return fell
 
 
 def method_of(model: Model) -> str:

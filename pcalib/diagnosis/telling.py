@@ -11,10 +11,10 @@ from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import CHANNELS, Cell
-from pcalib.diagnosis.steps import SURE, Step, held_out_gain
+from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
 from pcalib.diagnosis.verdict import Explanation, in_words
-from pcalib.fitting.identification import Fit
-from pcalib.wording import deviation, size
+from pcalib.fitting.identification import Accuracy, Fit
+from pcalib.wording import angle, deviation, size
 
 HOT = 0.05
 """Corrected p below which a cell of the map counts as hot."""
@@ -209,15 +209,27 @@ def comparison_sentence(c: Comparison) -> str:
     return f"{text}. No pattern stands out of the noise."
 
 
+BEFORE_AFTER = ("", "rows", "RMS before", "after", "rotation before", "after", "χ²/dof before", "after")
+"""Header of :func:`before_after`."""
+
+
 def before_after(before: Fit, after: Fit) -> list[tuple[str, ...]]:
-    """Rows fit and check with RMS and χ² before and after."""
+    """Rows fit and check with RMS of positions and rotations and χ² before and after."""
     rows = []
     for name, a, b in (("fit", before.fit, after.fit), ("check", before.check, after.check)):
         if a is not None and b is not None:
             rows.append(
-                (name, str(a.n_rows), size(a.rms_pos), size(b.rms_pos), f"{a.chi2_dof:.2f}", f"{b.chi2_dof:.2f}")
-            )
+                (
+                    name, str(a.n_rows), size(a.rms_pos), size(b.rms_pos), angle(a.rms_rot), angle(b.rms_rot),
+                    f"{a.chi2_dof:.2f}", f"{b.chi2_dof:.2f}",
+                )
+            )  # fmt: skip
     return rows
+
+
+def _apart(a: Accuracy, turned: bool) -> str:
+    """RMS of positions, and of rotations too where those say more."""
+    return size(a.rms_pos) + (f" and {angle(a.rms_rot)}" if turned else "")
 
 
 def step_sentence(step: Step) -> str:
@@ -229,7 +241,8 @@ def step_sentence(step: Step) -> str:
     gain = held_out_gain(a, b)
     if a.check is None or b.check is None or gain is None:
         return text + "; there are no held-out poses to confirm it."
-    text += f"; held-out poses {size(b.check.rms_pos)}, before {size(a.check.rms_pos)}"
+    turned = by_rotations(a, b)
+    text += f"; held-out poses {_apart(b.check, turned)}, before {_apart(a.check, turned)}"
     if step.action == "add":
         worse = ": worse, drop it again." if gain < -SURE else ": no difference beyond chance."
         return text + (": confirmed." if gain > SURE else worse)

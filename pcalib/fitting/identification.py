@@ -74,6 +74,8 @@ class Fit:
     """(n, n) posterior covariance."""
     error: np.ndarray
     """(N, 6) measured − predicted [m, rad], NaN where not measured, all rows, check rows included."""
+    sigma: np.ndarray
+    """(N, 6) [m, rad] 1σ of the readings that the fit counted with."""
     weight: np.ndarray
     """(N,) robust weights; 1 with linear loss and on check rows."""
     fit: Accuracy
@@ -220,6 +222,7 @@ def _conclude(
         estimate=current(state.model, unknowns),
         covariance=covariance,
         error=error,
+        sigma=data.sigma,
         weight=weight,
         fit=summary(fitted, taken),
         check=summary(held, 0.0) if held.any() else None,

@@ -1,0 +1,38 @@
+"""What a step brought: held-out readings of every kind decide, each in units of its noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pcalib.diagnosis import telling
+from pcalib.diagnosis.steps import SURE, add, by_rotations, held_out_gain
+from pcalib.fitting import identification
+
+
+@pytest.fixture(scope="module")
+def completed(measured, robot):
+    data, _ = measured()
+    return add(identification.fit(data, robot, "model24").model, data, "complete")
+
+
+def test_what_only_rotations_ask_for_is_confirmed(completed):
+    error = np.hstack([completed.after.error[:, :3], completed.before.error[:, 3:]])
+    check = replace(completed.before.check, rms_pos=completed.after.check.rms_pos)
+    step = replace(completed, before=replace(completed.before, error=error, check=check))
+    gain = held_out_gain(step.before, step.after)
+    assert gain is not None and gain > SURE and by_rotations(step.before, step.after)
+    said = telling.step_sentence(step)
+    assert said.count("µrad") == 2 and "no difference" not in said
+    rows = telling.before_after(step.before, step.after)
+    assert all(len(row) == len(telling.BEFORE_AFTER) for row in rows) and "µrad" in rows[1][4]
+
+
+def test_rotations_that_neither_level_explains_do_not_count(measured, robot):
+    data, _ = measured(seed=3)
+    step = add(identification.fit(data, robot, "classical").model, data, "model24")
+    gain = held_out_gain(step.before, step.after)
+    assert gain is not None and gain > SURE and not by_rotations(step.before, step.after)
+    assert "µrad" not in telling.step_sentence(step)
