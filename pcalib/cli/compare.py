@@ -53,7 +53,8 @@ def command(
         ("", "rows", "RMS", "max", "RMS µrad", "times noise"),
         [(n, a.n_rows, size(a.rms_pos), size(a.max_pos), _n(a.rms_rot * 1e6), _n(t, 2)) for n, a, t in rows],
     )
-    say(found.noise.sentence())
+    for line in telling.comparison_details(found):
+        say(f"- {line}")
     print()
     show_table(
         ("line", "set", "x mm", "y mm", "z mm", "error", "µrad", "times noise", ""),
@@ -67,15 +68,16 @@ def command(
         ],
         title="Worst poses",
     )  # fmt: skip
-    show_table(
-        ("where", "by", "s", "p"),
-        [(telling.channel(c), telling.variable(c), _n(c.s), telling.p_text(c.p)) for c in found.cells[:6]],
-        title="Where residuals are more than noise"
-        if found.cells and found.cells[0].p < telling.HOT
-        else "Hottest places",
-    )
-    if found.cells and found.cells[0].p < telling.HOT:
+    hot = telling.hot_cells(found.cells)
+    if hot:
+        show_table(
+            ("where", "by", "s", "p"),
+            [(telling.channel(c), telling.variable(c), _n(c.s), telling.p_text(c.p)) for c in hot[:6]],
+            title="Where residuals are more than noise",
+        )
         say("Next: pcalib diagnose names what may be missing.")
+    else:
+        say("No place stands out.")
     if report is not None:
         from pcalib.diagnosis import page
 

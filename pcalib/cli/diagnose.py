@@ -79,13 +79,12 @@ def show(found: Diagnosis) -> None:
         telling.candidate_rows(found),
         title="Candidates",
     )
-    if found.verdict == "unexplained" or (found.cells and found.cells[0].p < telling.HOT):
+    if hot := telling.hot_cells(found.cells):
         show_table(
             ("where", "by", "s", "p"),
             [
                 (telling.channel(c), telling.variable(c), f"{c.s:.1f}", telling.p_text(c.p))
-                for c in found.cells[:6]
-                if c.p < 0.5
+                for c in hot[:6]
             ],
             title="Where it shows",
         )

@@ -45,7 +45,8 @@ class Comparison:
     noise: NoiseLevel
     misfit: Misfit
     times_noise: tuple[float, float | None]
-    """RMS of all readings over the noise: of fit rows, what the fit took up allowed for, and of check rows."""
+    """RMS of all readings over the noise: of fit rows, those set aside included, and of check rows. What a new fit
+    would leave of it stands in `misfit`."""
     worst: tuple[Row, ...]
     """Worst first."""
     cells: tuple[Cell, ...]
@@ -86,13 +87,12 @@ def compare(
 
     fit, check = judged(~data.check), judged(data.check)
     assert fit is not None
-    found = misfit(screen)
     return Comparison(
         fit=fit[0],
         check=check[0] if check else None,
         noise=made.noise,
-        misfit=found,
-        times_noise=(found.times_noise if found.dof else fit[1], check[1] if check else None),
+        misfit=misfit(screen),
+        times_noise=(fit[1], check[1] if check else None),
         worst=tuple(Row(i, int(data.lines[i]), error[i], float(size[i]), bool(data.check[i]), i in odd) for i in order),
         cells=cells(made.patterns, len(made.candidates), screen, test.p, null),
         error=error,

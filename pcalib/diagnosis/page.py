@@ -12,7 +12,7 @@ from pcalib.diagnosis import figures, telling
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis
 from pcalib.model import Model
-from pcalib.report import Bullets, Facts, Figure, Page, Section, Table, Text
+from pcalib.report import Bullets, Facts, Figure, Page, Section, Table
 from pcalib.report.page import versions
 from pcalib.wording import size
 
@@ -21,7 +21,7 @@ _TONES = {"nothing_missing": "good", "established": "neutral", "ambiguous": "neu
 
 def write_comparison(path: str | Path, model: Model, data: Measurements, found: Comparison) -> None:
     """A page on where a model and measurements differ."""
-    hot = bool(found.cells) and found.cells[0].p < telling.HOT
+    hot = bool(telling.hot_cells(found.cells))
     rows = [("fit", found.fit, found.times_noise[0]), ("check", found.check, found.times_noise[1])]
     figures_table = Table(
         ("rows", "poses", "RMS", "max", "times noise"),
@@ -40,7 +40,7 @@ def write_comparison(path: str | Path, model: Model, data: Measurements, found: 
         ">< >".replace(" ", ">"),
     )  # fmt: skip
     sections = [
-        Section("How far apart", [figures_table, Text(found.noise.sentence(), "quiet")]),
+        Section("How far apart", [figures_table, Bullets(telling.comparison_details(found))]),
         Section("Where", [_map(found.cells), worst]),
     ]
     page = Page(

@@ -11,6 +11,7 @@ from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import CHANNELS, Cell
+from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
 from pcalib.diagnosis.verdict import Explanation, in_words
 from pcalib.fitting.identification import Accuracy, Fit
@@ -18,6 +19,8 @@ from pcalib.wording import angle, deviation, size
 
 HOT = 0.05
 """Corrected p below which a cell of the map counts as hot."""
+MORE = 1.25
+"""Two figures in units of the noise that differ by this factor do not say the same."""
 
 
 def one_per_effect(found: Diagnosis) -> list[Finding]:
@@ -61,7 +64,7 @@ def _or(options: Sequence[str]) -> str:
 
 
 def _where(cells: Sequence[Cell]) -> str:
-    hot = [c for c in cells if c.p < HOT][:3]
+    hot = hot_cells(cells)[:3]
     if not hot:
         return "It follows none of the recorded variables."
     return "It shows in " + "; ".join(place(c) for c in hot) + "."
@@ -74,18 +77,7 @@ def place(cell: Cell) -> str:
 
 def details(found: Diagnosis) -> list[str]:
     """What to know beside the verdict, one sentence each."""
-    out = [found.noise.sentence()]
-    odd = found.problem.outliers
-    if len(odd.rows):
-        lines = ", ".join(str(int(found.problem.given.lines[i])) for i in odd.rows[:8])
-        if odd.too_many:
-            out.append(f"Many rows are far from everything (first on lines {lines}); they were kept. Look at them.")
-        else:
-            many = len(odd.rows) > 1
-            out.append(
-                f"{len(odd.rows)} row{'s' * many} far from everything, on line{'s' * many} {lines}, "
-                f"{'were' if many else 'was'} set aside for these tests. Look at {'them' if many else 'it'}."
-            )
+    out = [found.noise.sentence(), *far_rows(found.problem)]
     for e in found.sets:
         if e.held_out is not None:
             before, after = e.held_out
@@ -98,6 +90,21 @@ def details(found: Diagnosis) -> list[str]:
     if not found.noise.verified and found.verdict in ("established", "ambiguous", "unexplained"):
         out.append("Without replicates this is a ranking rather than a proof.")
     return out
+
+
+def far_rows(made: Problem) -> list[str]:
+    """Which rows fit neither model nor any pattern, where there are some."""
+    odd = made.outliers
+    if not len(odd.rows):
+        return []
+    lines = ", ".join(str(line) for line in sorted(made.given.lines[odd.rows[:8]])) + ", …" * (len(odd.rows) > 8)
+    if odd.too_many:
+        return [f"Many rows are far from everything (first on lines {lines}); they were kept. Look at them."]
+    many = len(odd.rows) > 1
+    return [
+        f"{len(odd.rows)} row{'s' * many} far from everything, on line{'s' * many} {lines}, "
+        f"{'were' if many else 'was'} set aside for these tests. Look at {'them' if many else 'it'}."
+    ]
 
 
 def advice(found: Diagnosis) -> list[dict[str, Any]]:
@@ -198,15 +205,31 @@ def advice_lines(found: Diagnosis) -> list[str]:
 def comparison_sentence(c: Comparison) -> str:
     """The outcome of a comparison in one sentence."""
     times, held = c.times_noise
-    text = f"Model and measurements differ by {size(c.fit.rms_pos)} RMS, {times:.1f} times the noise"
+    turned = c.fit.rms_rot / c.noise.sigma_rot > MORE * c.fit.rms_pos / c.noise.sigma_pos
+    text = f"Model and measurements differ by {_apart(c.fit, turned)} RMS, {times:.1f} times the noise"
     if held is not None and c.check is not None:
-        text += f"; held-out poses by {size(c.check.rms_pos)}, {held:.1f} times"
-    hot = [cell for cell in c.cells if cell.p < HOT]
+        text += f"; held-out poses by {_apart(c.check, turned)}, {held:.1f} times"
+    hot = hot_cells(c.cells)
     if hot:
         return f"{text}. More than noise: it shows in {place(hot[0])}."
     if c.misfit.p < HOT:
         return f"{text}. More than noise, but it follows none of the recorded variables."
     return f"{text}. No pattern stands out of the noise."
+
+
+def comparison_details(c: Comparison) -> list[str]:
+    """What to know beside it, one sentence each: rows set aside, what a new fit would leave, and the noise."""
+    out = far_rows(c.problem)
+    left = c.misfit.times_noise
+    if c.misfit.dof and not 1 / MORE < c.times_noise[0] / left < MORE:
+        without = "Without them, and with" if len(c.problem.set_aside) else "With"
+        out.append(f"{without} the geometry refitted, {left:.1f} times the noise is left of the rows to fit.")
+    return [*out, c.noise.sentence()]
+
+
+def hot_cells(cells: Sequence[Cell]) -> list[Cell]:
+    """Those that are more than noise."""
+    return [c for c in cells if c.p < HOT]
 
 
 BEFORE_AFTER = ("", "rows", "RMS before", "after", "rotation before", "after", "χ²/dof before", "after")

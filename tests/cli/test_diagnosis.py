@@ -57,11 +57,17 @@ def test_compare(run, folder):
     assert code == 0
     assert out.splitlines()[0].startswith("Model and measurements differ by") and "motor angles by torque" in out
     found = json.loads((folder / "c.json").read_text())
-    assert found["schema"] == "pcalib.comparison/1" and found["times_noise"] > 1.08
+    assert found["schema"] == "pcalib.comparison/1" and found["times_noise"] > 1.05
     assert found["heatmap"][0]["channel"] == "actuator" and len(found["worst"]) == 5
     page = (folder / "c.html").read_text()
     assert page.count("<svg") == 1 and "://" not in page
     assert (folder / "c.rrd").stat().st_size > 10_000
+
+
+def test_compare_lists_only_what_is_more_than_noise(run, folder):
+    assert run("add", "drive_compliance", "data.csv", "-m", "m.toml", "-o", "quiet.toml")[0] == 0
+    code, out, _ = run("compare", "data.csv", "-m", "quiet.toml")
+    assert code == 0 and "No place stands out." in out and "payload × q" not in out
 
 
 def test_diagnose(run, folder):

@@ -1,0 +1,42 @@
+"""What is said: figures that stand side by side measure the same, and first sentences are plain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pcalib.diagnosis import telling
+from pcalib.diagnosis.compare import compare
+from pcalib.fitting import identification
+
+
+class TestComparison:
+    def test_both_sets_are_judged_alike_and_rows_set_aside_are_named(self, measured):
+        data, _ = measured()
+        odd = np.flatnonzero(~data.check)[[5, 40, 60]]
+        position = data.position.copy()
+        position[odd, 2] += 2e-3
+        spoiled = replace(data, position=position)
+        found = compare(identification.fit(spoiled, measured()[1]).model, spoiled, n_draws=256)
+        for a, times in zip((found.fit, found.check), found.times_noise, strict=True):
+            assert times**2 * 6 > 0.9 * (a.rms_pos / found.noise.sigma_pos) ** 2
+        said = " ".join(telling.comparison_details(found))
+        assert all(str(int(line)) in said for line in data.lines[odd]) and "3 rows far from everything" in said
+        assert "Without them, and with the geometry refitted, 1.0 times the noise is left" in said
+
+    def test_nothing_is_added_where_a_fit_would_change_nothing(self, measured):
+        data, model = measured()
+        found = compare(model, data, n_draws=256)
+        assert telling.comparison_details(found) == [found.noise.sentence()]
+        assert "µrad" not in telling.comparison_sentence(found) and not telling.hot_cells(found.cells)
+
+    def test_rotations_are_named_where_they_make_the_figure(self, measured, robot):
+        data, _ = measured(seed=3)
+        found = compare(identification.fit(data, robot, "model24").model, data, n_draws=256)
+        error = np.hstack([1e-3 * found.error[:, :3], found.error[:, 3:]])
+        assert telling.comparison_sentence(replace(found, fit=_judged(found, data, error))).count("µrad") == 2
+
+
+def _judged(found, data, error):
+    return identification.accuracy(error[~data.check], data.sigma[~data.check], data.mask[~data.check], 0.0)
