@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib import effects, prediction, units
+from pcalib.diagnosis.candidates import level_columns
 from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.problem import Problem
 from pcalib.effects.base import Effect
@@ -33,6 +34,19 @@ TEMPERATURE_SWING = 8.0
 """[K] about 22 °C that a plan may ask for where a rival answers to temperature."""
 LATER = 3600.0
 """[s] a plan may ask for rows that much later where a rival answers to time."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """A geometry level as a rival of effects, or of another level."""
+
+    name: str
+    needs: tuple[str, ...] = ()
+    wants: tuple[str, ...] = ()
+
+
+Rival = Sequence[Effect | Level]
+"""One explanation; an empty one is 'nothing is missing'."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +101,12 @@ class Plan:
         return text + f". {ENOUGH:.0f} are needed: the first {self.enough} should do."
 
 
-def plan(made: Problem, rivals: Sequence[Sequence[Effect]], n: int, options: Options | None = None) -> Plan:
+def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None = None) -> Plan:
     """Rows that tell two explanations apart.
 
     Args:
         made: the model, which has neither explanation, on its data.
-        rivals: two sets of effects; an empty one stands for 'nothing is missing'.
+        rivals: two sets of effects and levels.
         n: how many rows.
 
     Raises:
@@ -175,7 +189,7 @@ class _Instrument:
     def rows(
         self,
         made: Problem,
-        rivals: Sequence[Sequence[Effect]],
+        rivals: Sequence[Rival],
         unknowns: Unknowns,
         q: np.ndarray,
         conditions: Conditions,
@@ -192,12 +206,18 @@ class _Instrument:
         nuisance = np.concatenate(parts, axis=-1) * unknowns.scale * per
         sides = []
         for rival in rivals:
-            columns = [
-                point.columns(effects.basis(e, point.situation)) * [x.prior for x in e.parameters] for e in rival
-            ]
+            columns = [_columns(e, point) for e in rival]
             sides.append(np.concatenate([*columns, np.zeros((len(q), 6, 0))], axis=-1) * per)
         ok = p.status == "ok"
         return _Rows(np.nan_to_num(nuisance), (np.nan_to_num(sides[0]), np.nan_to_num(sides[1])), p.position, ok)
+
+
+def _columns(rival: Effect | Level, point: Point) -> np.ndarray:
+    """(N, 6, p) [m, rad] derivative of the readings by an effect's or a level's parameters, in usual sizes."""
+    if not isinstance(rival, Level):
+        return point.columns(effects.basis(rival, point.situation)) * [x.prior for x in rival.parameters]
+    level = unknowns_of(point.model, rival.name)
+    return level_columns(point, rival.name) * level.scale[: level.n_geometry]
 
 
 def _size(made: Problem, old: _Rows, side: int) -> np.ndarray:
@@ -251,7 +271,7 @@ class _Discrepancy:
 
 
 def _candidates(
-    made: Problem, rivals: Sequence[Sequence[Effect]], options: Options, rng: np.random.Generator
+    made: Problem, rivals: Sequence[Rival], options: Options, rng: np.random.Generator
 ) -> tuple[np.ndarray, Conditions]:
     """Reachable poses under all sorts of conditions that the rivals answer to."""
     data, n = made.data, options.candidates

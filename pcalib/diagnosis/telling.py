@@ -111,10 +111,12 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
     """What to measure or do next."""
     out: list[dict[str, Any]] = []
     if found.verdict == "ambiguous" and len(found.sets) > 1:
-        a, b = ("+".join(e.names) for e in found.sets[:2])
-        effects = [c.effect for e in found.sets[:2] for c in e.candidates]
-        wants = sorted({w for effect in effects for w in getattr(effect, "wants", ())})
-        out.append({"do": "next", "between": [a, b], "vary": wants})
+        best = found.sets[0]
+        shared = [c for c in best.candidates if c.name in found.established]
+        out += [{"do": "add", "effect": c.spec} for c in sorted(shared, key=lambda c: c.effect is not None)]
+        rivals = [[c for c in e.candidates if c.name not in found.established] for e in found.sets[:2]]
+        wants = sorted({w for rival in rivals for c in rival for w in getattr(c.effect, "wants", ())})
+        out.append({"do": "next", "between": ["+".join(c.spec for c in rival) for rival in rivals], "vary": wants})
     if found.verdict == "established":
         out += [{"do": "add", "effect": spec} for e in found.sets[:1] for spec in e.specs]
     if found.verdict == "unexplained":
@@ -184,14 +186,15 @@ def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
 def advice_lines(found: Diagnosis) -> list[str]:
     """What to do next, one sentence each."""
     lines = []
+    shared = found.established if found.verdict == "ambiguous" else ()
     for item in advice(found):
         if item["do"] == "next":
             vary = f" (vary {', '.join(item['vary'])})" if item["vary"] else ""
-            lines.append(
-                f"'pcalib next … --between {','.join(item['between'])}' plans poses that tell them apart{vary}."
-            )
+            command = f"'pcalib next … --between {','.join(item['between'])}'"
+            lines.append(f"{command}{' with that model' * bool(shared)} plans poses that tell them apart{vary}.")
         elif item["do"] == "add":
-            lines.append(f"'pcalib add {item['effect']} …' refits everything with it.")
+            why = "comes first: it is missing in any case" if shared else "refits everything with it"
+            lines.append(f"'pcalib add {item['effect']} …' {why}.")
         elif item["do"] == "write an effect":
             where = CHANNELS.get(item["channel"], item["channel"])
             lines.append(f"an effect of your own that moves {where} by {item['variable']}: 'pcalib effect new NAME'.")

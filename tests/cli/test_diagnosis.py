@@ -154,6 +154,36 @@ def test_next_plans_what_tells_rivals_apart(run, folder):
     assert "did you mean" in run("next", "data.csv", "-m", "m.toml", "--between", "backlsh,nothing")[2]
 
 
+def test_what_a_diagnosis_advises_runs(run, folder):
+    run("fit", "data.csv", "--robot", ROBOT_FILE, "--level", "model24", "-o", "m24.toml")
+    code, out, _ = run("diagnose", "data.csv", "-m", "m24.toml", "--json", "d24.json")
+    assert code == 0 and "'pcalib add complete …' comes first" in out
+    items = json.loads((folder / "d24.json").read_text())["next"]
+    assert [item["do"] for item in items][:2] == ["add", "next"] and items[0]["effect"] == "complete"
+    between = ",".join(items[1]["between"])
+    assert "complete" not in between
+    assert run("add", "complete", "data.csv", "-m", "m24.toml", "-o", "more.toml")[0] == 0
+    assert run("next", "data.csv", "-m", "more.toml", "--between", between, "-n", 2)[0] == 0
+
+
+def test_rivals_may_take_geometry_with_them(run):
+    run("fit", "data.csv", "--robot", ROBOT_FILE, "--level", "model24", "-o", "m24.toml")
+    both = "complete+drive_compliance,arm_bending+complete"
+    code, out, _ = run("next", "data.csv", "-m", "m24.toml", "--between", both, "-n", 2)
+    assert code == 0 and out.startswith("Both take geometry of level complete")
+    assert "Between drive_compliance and arm_bending" in out
+    code, out, _ = run("next", "data.csv", "-m", "m24.toml", "--between", "complete,drive_compliance", "-n", 2)
+    assert code == 0 and "should tell them apart already" in out
+    code, _, err = run("next", "data.csv", "-m", "m.toml", "--between", "complete,drive_compliance", "-n", 2)
+    assert code == 2 and "no extension" in err
+
+
+def test_a_rival_that_the_model_has_is_none(run):
+    assert run("add", "drive_compliance", "data.csv", "-m", "m.toml", "-o", "has.toml")[0] == 0
+    code, _, err = run("next", "data.csv", "-m", "has.toml", "--between", "drive_compliance,arm_bending", "-n", 2)
+    assert code == 2 and "in the model already" in err and "pcalib drop drive_compliance" in err
+
+
 def test_an_effect_of_the_users_own(run, folder):
     code, out, _ = run("effect", "new", "SoftDrive")
     assert code == 0 and "soft_drive.py" in out
