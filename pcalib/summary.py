@@ -9,6 +9,9 @@ import numpy as np
 from pcalib import wording
 from pcalib.fitting.identification import Accuracy, Fit
 
+AT_THE_NOISE = 1.15
+"""Residuals of up to so many times the stated noise are called noise."""
+
 
 def _micro(value: float) -> float | None:
     return float(value * 1e6) if np.isfinite(value) else None
@@ -122,7 +125,7 @@ def headline(fit: Fit) -> str:
     text = f"Level {fit.candidate.level} explains {a.n_rows} poses to {a.rms_pos * 1e6:.1f} µm RMS"
     if np.isfinite(a.chi2_dof):
         ratio = np.sqrt(a.chi2_dof)
-        text += " (at the noise)" if ratio < 1.15 else f" ({ratio:.1f}× the stated noise)"
+        text += " (at the noise)" if ratio < AT_THE_NOISE else f" ({ratio:.1f}× the stated noise)"
     if fit.check:
         text += f"; {fit.check.n_rows} held-out poses: {fit.check.rms_pos * 1e6:.1f} µm"
     return text + "."

@@ -11,7 +11,7 @@ from pcalib.model import Model
 
 
 def finish(step: Step, model: Model, data: Path, output: Path) -> None:
-    """Print what a step changed, and write the model with the step in its history.
+    """Write the model with the step in its history, and print what the step changed.
 
     Raises:
         FitError: the refit cannot be trusted; nothing is written.
@@ -19,6 +19,10 @@ def finish(step: Step, model: Model, data: Path, output: Path) -> None:
     from pcalib import modelfile, summary
     from pcalib.diagnosis import telling
 
+    fitted = step.after.model  # refuses with the reason
+    figures = summary.statistics(step.after)
+    entry = modelfile.snapshot(fitted, step.action, effect=step.spec, data=data.name, **figures)
+    modelfile.save(output, replace(fitted, history=(*model.history, entry)), figures)
     say(telling.step_sentence(step))
     print()
     show_table(telling.BEFORE_AFTER, telling.before_after(step.before, step.after))
@@ -31,8 +35,4 @@ def finish(step: Step, model: Model, data: Path, output: Path) -> None:
             [(name, telling.change(step, name, value), f"{times:.1f}") for name, value, times in moved[:8]],
             title="Geometry that had been bent to make up for it" if step.action == "add" else "Geometry that moved",
         )
-    fitted = step.after.model  # refuses with the reason
-    figures = summary.statistics(step.after)
-    entry = modelfile.snapshot(fitted, step.action, effect=step.spec, data=data.name, **figures)
-    modelfile.save(output, replace(fitted, history=(*model.history, entry)), figures)
     say(f"Model written to {output}.")

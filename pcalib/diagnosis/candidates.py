@@ -12,7 +12,12 @@ from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.screen import LARGE, NOT_SEARCHED, Search
 from pcalib.effects.base import Effect
 from pcalib.effects.gear_ripple import GearRipple
+from pcalib.errors import EffectError
 from pcalib.model import Model
+
+ALONE = "add a compliance first: it is seen only through one"
+"""Why a crooked robot cannot be judged while nothing in its model gives way."""
+IDLE = "under these conditions it moves nothing"
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,7 @@ def candidates(
             unavailable.append(Unavailable(name, f"the data have no {' '.join(lacking)}"))
             continue
         if name == "gravity_tilt" and not present.keys() - {name}:
-            unavailable.append(Unavailable(name, "it is seen only through a compliance that is in the model already"))
+            unavailable.append(Unavailable(name, ALONE))
             continue
         if name == "gear_ripple" and scan is not None and not robot.drive.get("ripple_per_turn"):
             if name not in present:
@@ -92,8 +97,26 @@ def candidates(
             continue
         found.append(_candidate(effect, point))
     return [c for c in found if c.columns.any()], unavailable + [
-        Unavailable(c.name, "under these conditions it moves nothing") for c in found if not c.columns.any()
+        Unavailable(c.name, IDLE) for c in found if not c.columns.any()
     ]
+
+
+def require_seen(effect: Effect, point: Point) -> None:
+    """Refuse an effect that moves nothing on these poses: its size would be zero whatever it is.
+
+    Raises:
+        EffectError: it says why, and what would show it.
+    """
+    if not _candidate(effect, point).columns.any():
+        alone = effect.name == "gravity_tilt" and not {f.effect.name for f in point.model.effects} - {effect.name}
+        why = ALONE if alone else IDLE
+        raise EffectError(f"effect {effect.name} cannot be fitted to these data: {why}\n  {shown_by(effect)}")
+
+
+def shown_by(effect: Effect | None) -> str:
+    """What the data must vary for an effect to be seen, as a remedy."""
+    wants = getattr(effect, "wants", ())
+    return f"it is seen best with: {', '.join(wants)}" if wants else "measure under conditions that show it"
 
 
 def _candidate(effect: Effect, point: Point) -> Candidate:

@@ -10,7 +10,7 @@ import numpy as np
 from pcalib import effects
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
-from pcalib.diagnosis.candidates import Candidate, richer_levels
+from pcalib.diagnosis.candidates import Candidate, richer_levels, shown_by
 from pcalib.diagnosis.compare import noise_of
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible, with_effects
 from pcalib.diagnosis.patterns import FINE, recorded
@@ -136,8 +136,7 @@ def _finding(found: Diagnosis, spec: str, own: Sequence[Effect]) -> Finding:
         return min(mine, key=lambda f: (f.p > 4 * mine[0].p, len(f.candidate.scale)))
     for missing in found.unavailable:
         if missing.name == spec.partition(":")[0].partition("@")[0]:
-            wants = effects.get(missing.name).wants if missing.name in effects.names() else ()
-            remedy = f"it is seen best with: {', '.join(wants)}" if wants else "measure under conditions that show it"
+            remedy = shown_by(effects.get(missing.name) if missing.name in effects.names() else None)
             raise EffectError(f"effect {missing.name} cannot be judged on these data: {missing.why}\n  {remedy}")
     raise EffectError(unknown("candidate", spec, sorted({f.candidate.name for f in found.findings})))
 

@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import effects
+from pcalib import effects, prediction
 from pcalib.data.measurement import Measurements
-from pcalib.diagnosis.candidates import richer_levels
+from pcalib.diagnosis.candidates import require_seen, richer_levels
+from pcalib.diagnosis.channels import Point
 from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, unknown
 from pcalib.fitting import identification
 from pcalib.fitting.identification import METHODS, Fit
+from pcalib.fitting.linearisation import conditions_of
 from pcalib.model import FittedEffect, Model
 
 SURE = 2.0
@@ -86,7 +88,7 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
     """Refit geometry, effects and frame with an effect, or at a geometry level, that the model lacks.
 
     Raises:
-        EffectError: unknown, present already, or without the columns it needs.
+        EffectError: unknown, present already, without the columns it needs, or without any trace in these poses.
         FitError: the data do not support it.
     """
     levels = model.robot.mechanism.levels
@@ -109,10 +111,17 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
     if effect.name in present and getattr(present[effect.name].effect, "spec", "") == getattr(effect, "spec", ""):
         raise EffectError(f"effect {spec} is in the model already\n  'pcalib drop {effect.name} …' takes it out")
     effects.require(effect, data.columns, data.source)
+    _require_seen(effect, before.model, data)
     start = FittedEffect(effect, np.zeros(len(effect.parameters)), getattr(effect, "spec", spec))
     kept = tuple(f for f in before.model.effects if f.effect.name != effect.name)
     after = identification.fit(data, replace(before.model, effects=(*kept, start)), model.level, method=method)
     return Step("add", start.spec, before, after)
+
+
+def _require_seen(effect: Effect, model: Model, data: Measurements) -> None:
+    fitted = data.take(~data.check)
+    conditions = conditions_of(fitted)
+    require_seen(effect, Point.of(model, prediction.predict(model, fitted.q, conditions), conditions))
 
 
 def _parsed(spec: str, model: Model) -> Effect:

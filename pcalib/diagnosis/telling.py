@@ -15,6 +15,7 @@ from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
 from pcalib.diagnosis.verdict import Explanation, in_words
 from pcalib.fitting.identification import Accuracy, Fit
+from pcalib.summary import AT_THE_NOISE
 from pcalib.wording import angle, deviation, size
 
 HOT = 0.05
@@ -269,10 +270,17 @@ def step_sentence(step: Step) -> str:
         return text + "; there are no held-out poses to confirm it."
     turned = by_rotations(a, b)
     text += f"; held-out poses {_apart(b.check, turned)}, before {_apart(a.check, turned)}"
-    if step.action == "add":
-        worse = ": worse, drop it again." if gain < -SURE else ": no difference beyond chance."
-        return text + (": confirmed." if gain > SURE else worse)
-    return text + (": it was needed." if gain < -SURE else ".")
+    if step.action == "drop":
+        return text + (": it was needed." if gain < -SURE else ".")
+    if gain <= SURE:
+        return text + (": worse, drop it again." if gain < -SURE else ": no difference beyond chance.")
+    left = np.sqrt(b.fit.chi2_dof)
+    if left < AT_THE_NOISE or not np.isfinite(left):
+        return text + ": confirmed."
+    return (
+        f"{text}: better, but {left:.1f} times the stated noise is left. "
+        "Something else is missing too, or the noise is larger than stated: 'pcalib diagnose' says which."
+    )
 
 
 def step_lines(step: Step) -> list[str]:

@@ -122,6 +122,30 @@ def test_add_in_place_keeps_the_way_back(run, folder):
     assert len(modelfile.load(folder / "copy.toml").history) == 2
 
 
+def test_an_effect_without_a_trace_is_refused(run, folder):
+    text = (folder / "data.csv").read_text().splitlines()
+    header = next(i for i, line in enumerate(text) if not line.startswith("#"))
+    tools = [i for i, name in enumerate(text[header].split(",")) if name.startswith("tool_")]
+    rows = [line.split(",") for line in text[header:]]
+    kept = [[v for i, v in enumerate(row) if i not in tools] for row in rows if row is rows[0] or not any(
+        float(row[i]) for i in tools)]  # fmt: skip
+    (folder / "bare.csv").write_text("\n".join([*text[:header], *map(",".join, kept)]) + "\n")
+    assert run("fit", "bare.csv", "--robot", ROBOT_FILE, "--level", "model24", "-o", "bare.toml")[0] == 0
+    code, _, err = run("add", "tool_bending", "bare.csv", "-m", "bare.toml", "-o", "none.toml")
+    assert code == 2 and "it moves nothing" in err and not (folder / "none.toml").exists()
+    code, _, err = run("add", "gravity_tilt", "bare.csv", "-m", "bare.toml", "-o", "none.toml")
+    assert code == 2 and "add a compliance first" in err
+
+
+def test_the_model_is_written_before_anything_is_printed(run, folder, monkeypatch):
+    def gone(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pcalib.cli._steps.say", gone)
+    assert run("add", "drive_compliance", "data.csv", "-m", "m.toml", "-o", "piped.toml")[0] == 130
+    assert [f.spec for f in modelfile.load(folder / "piped.toml").effects] == ["drive_compliance"]
+
+
 def test_next_plans_what_tells_rivals_apart(run, folder):
     argv = (
         "next",

@@ -190,7 +190,7 @@ class TestEvidence:
         data, model = measured()
         with pytest.raises(EffectError, match="did you mean 'backlash'"):
             evidence(model, data, "backlsh")
-        with pytest.raises(EffectError, match="seen only through a compliance"):
+        with pytest.raises(EffectError, match="add a compliance first"):
             evidence(model, data, "gravity_tilt")
 
 

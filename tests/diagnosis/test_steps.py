@@ -36,3 +36,10 @@ def test_rotations_that_neither_level_explains_do_not_count(measured, robot):
     gain = held_out_gain(step.before, step.after)
     assert gain is not None and gain > SURE and not by_rotations(step.before, step.after)
     assert "µrad" not in telling.step_sentence(step)
+
+
+def test_what_helps_and_is_not_all_is_not_confirmed(completed):
+    assert telling.step_sentence(completed).endswith(": confirmed.")
+    left = replace(completed.after, fit=replace(completed.after.fit, chi2_dof=1.69))
+    said = telling.step_sentence(replace(completed, after=left))
+    assert "confirmed" not in said and "1.3 times the stated noise is left. Something else is missing too" in said
