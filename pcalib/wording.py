@@ -56,6 +56,14 @@ def short(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
+def clipped(text: str, most: int) -> str:
+    """A list of sizes cut to so many characters, behind a whole one."""
+    if len(text) <= most:
+        return text
+    end = max(text.rfind(mark, 0, most - 1) for mark in (", ", "; "))
+    return f"{text[: end + 1]} …" if end > 0 else short(text, most)
+
+
 def effect(fitted: FittedEffect) -> str:
     """An effect and its fitted values, in its own words where it has some."""
     describe = getattr(fitted.effect, "describe", None)

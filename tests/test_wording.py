@@ -48,3 +48,8 @@ def test_rotations_have_a_unit_that_fits():
     assert [wording.angle(x) for x in (2.04e-5, 2.647e-3, 0.0213, float("nan"))] == [
         "20.4 µrad", "2647 µrad", "21.3 mrad", "–",
     ]  # fmt: skip
+
+
+def test_lists_of_sizes_are_cut_behind_a_whole_one():
+    assert wording.clipped("vx 1 µm/h; vy 2 µm/h; wx 3 µrad/h", 25) == "vx 1 µm/h; vy 2 µm/h; …"
+    assert wording.clipped("q1 1, q2 2", 25) == "q1 1, q2 2" and wording.clipped("nothing to cut at", 8) == "nothing…"

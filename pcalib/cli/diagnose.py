@@ -74,11 +74,10 @@ def show(found: Diagnosis) -> None:
             [(" + ".join(e.names), e.words()) for e in found.sets[:8]],
             title="Explanations that the data leave standing, the best by BIC first",
         )
-    show_table(
-        ("effect", "visible", "s", "p", "adequate", "fitted alone", "note"),
-        telling.candidate_rows(found),
-        title="Candidates",
-    )
+    show_table(telling.CANDIDATES, telling.candidate_rows(found), title="Candidates")
+    if left := telling.candidates_left(found):
+        say(left)
+        print()
     if hot := telling.hot_cells(found.cells):
         show_table(
             ("where", "by", "s", "p"),

@@ -73,8 +73,8 @@ def diagnosis_sections(found: Diagnosis) -> list[Section]:
     if found.verdict in ("ambiguous", "established"):
         table = Table(("explanation", "in words"), [(" + ".join(e.names), e.words()) for e in found.sets[:10]])
         out.append(Section("Explanations that the data leave standing", [table]))
-    header = ("effect", "visible", "s", "p", "adequate", "fitted alone", "note")
-    ranked = Table(header, telling.candidate_rows(found, 20), "<>>>", folded="All candidates")
+    rows = telling.candidate_rows(found, None, 10_000)
+    ranked = Table(telling.CANDIDATES, rows, "<>>>", folded="All candidates")
     out.append(
         Section(
             "Candidates",

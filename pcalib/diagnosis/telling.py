@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pcalib import effects
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding
 from pcalib.diagnosis.evidence import Evidence
@@ -16,7 +17,7 @@ from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
 from pcalib.diagnosis.verdict import Explanation, in_words
 from pcalib.fitting.identification import Accuracy, Fit
 from pcalib.summary import AT_THE_NOISE
-from pcalib.wording import angle, deviation, size
+from pcalib.wording import angle, clipped, deviation, size
 
 HOT = 0.05
 """Corrected p below which a cell of the map counts as hot."""
@@ -36,7 +37,7 @@ def one_per_effect(found: Diagnosis) -> list[Finding]:
                 out[name] = next((x for x in mine if x.candidate.spec == chosen[name]), f)
             else:
                 out[name] = min(mine, key=lambda x: (x.p > 4 * f.p, len(x.candidate.scale)))
-    return list(out.values())
+    return sorted(out.values(), key=lambda f: (f.p, -f.s))
 
 
 def sentence(found: Diagnosis) -> str:
@@ -152,24 +153,45 @@ def p_text(p: float) -> str:
     return "< 0.001" if p < 1e-3 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
-def candidate_rows(found: Diagnosis, most: int = 12) -> list[tuple[str, ...]]:
-    """Rows of the candidates' table: spec, visible share, s, p, adequate, size, note."""
+CANDIDATES = ("effect", "visible", "s", "p", "in an explanation", "fitted alone", "note")
+"""Header of :func:`candidate_rows`."""
+
+
+def candidate_rows(found: Diagnosis, most: int | None = 12, longest: int = 90) -> list[tuple[str, ...]]:
+    """Rows of the candidates' table: so many, all where None, and the user's own effects in any case; sizes are cut to
+    so many characters."""
     rows = []
-    for f in one_per_effect(found):
-        if f.note.startswith("these poses") or len(rows) >= most:
-            continue
-        effect = f.candidate.effect
-        describe = getattr(effect, "describe", None)
-        size_text = "" if describe is None else describe(f.theta)
-        if len(size_text) > 90:
-            size_text = size_text[:87] + "…"
+    for f in _listed(found, most)[0]:
+        describe = getattr(f.candidate.effect, "describe", None)
+        said = "" if describe is None else clipped(describe(f.theta), longest)
         rows.append(
             (
                 f.candidate.spec, f"{100 * f.kappa:.0f} %", f"{f.s:.1f}", p_text(f.p), "yes" if f.adequate else "",
-                size_text, f.note,
+                said, f.note,
             )
         )  # fmt: skip
     return rows
+
+
+def candidates_left(found: Diagnosis, most: int | None = 12) -> str:
+    """What the candidates' table leaves out; empty where it is complete."""
+    left = _listed(found, most)[1]
+    if not left:
+        return ""
+    least = min(np.floor(100 * left[0].p) / 100, 0.99)
+    return f"… and {len(left)} more" + (f", all p > {least:g}." if least > 0 else ".")
+
+
+def _listed(found: Diagnosis, most: int | None) -> tuple[list[Finding], list[Finding]]:
+    """The candidates to list, and those left out."""
+    named = effects.names()
+    shown: list[Finding] = []
+    left: list[Finding] = []
+    for f in one_per_effect(found):
+        own = f.candidate.effect is not None and f.candidate.name not in named
+        if own or not f.note.startswith("these poses"):
+            (shown if own or most is None or len(shown) < most else left).append(f)
+    return shown, left
 
 
 def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:

@@ -70,7 +70,7 @@ class ArmBending(PlacedEffect):
         return np.stack(out)
 
     def say(self, quantity: EffectParameter, value: float) -> str:
-        return f"{super().say(quantity, value)} (elbow stiffness {stiffness(value, quantity.unit)})"
+        return f"{super().say(quantity, value)} {stiffness(value, quantity.unit, 'elbow')}"
 
 
 EFFECT = ArmBending

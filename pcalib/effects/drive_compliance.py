@@ -30,7 +30,7 @@ class DriveCompliance(PlacedEffect):
         return at.torque[None]
 
     def say(self, quantity: EffectParameter, value: float) -> str:
-        return f"{super().say(quantity, value)} (drive stiffness {stiffness(value, quantity.unit)})"
+        return f"{super().say(quantity, value)} {stiffness(value, quantity.unit, 'drive')}"
 
 
 EFFECT = DriveCompliance

@@ -197,16 +197,14 @@ def drive_unit(places: Places, angle: str, length: str) -> str:
     return angle if places.dimension == "angle" else length
 
 
-def stiffness(compliance: float, unit: str) -> str:
-    """A compliance as the stiffness that people know, with its unit."""
+def stiffness(compliance: float, unit: str, part: str = "") -> str:
+    """A compliance as the stiffness of a part that people know, in parentheses and with its unit."""
     if abs(compliance) < 1e-6 * units.factor(unit):
-        return "rigid"
-    value = 1.0 / compliance
-    if unit.endswith("_Nm"):
-        text = f"{value / 1e3:.3g} kN·m/rad"
-    else:
-        text = f"{value / 1e6:.3g} N/µm"
-    return text if value > 0 else f"{text} (negative: not physical)"
+        return "(rigid)"
+    if compliance < 0:
+        return "(not physical)"
+    value, shown = (1e-3, "kN·m/rad") if unit.endswith("_Nm") else (1e-6, "N/µm")
+    return f"({f'{part} stiffness'.lstrip()} {value / compliance:.3g} {shown})"
 
 
 def harmonics(q: np.ndarray, cycles: tuple[int, ...]) -> np.ndarray:

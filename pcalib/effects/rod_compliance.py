@@ -26,7 +26,7 @@ class RodCompliance(PlacedEffect):
         return at.tension[None]
 
     def say(self, quantity: EffectParameter, value: float) -> str:
-        return f"{super().say(quantity, value)} (rod stiffness {stiffness(value, quantity.unit)})"
+        return f"{super().say(quantity, value)} {stiffness(value, quantity.unit, 'rod')}"
 
 
 EFFECT = RodCompliance

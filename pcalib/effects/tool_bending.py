@@ -40,7 +40,7 @@ class ToolBending(LibraryEffect):
         return Contribution(tool=theta[0] * self._unit(at))
 
     def say(self, quantity: EffectParameter, value: float) -> str:
-        return f"{super().say(quantity, value)} for a tool of 100 mm ({stiffness(value, quantity.unit)})"
+        return f"{super().say(quantity, value)} for a tool of 100 mm {stiffness(value, quantity.unit)}"
 
 
 EFFECT = ToolBending

@@ -8,6 +8,8 @@ import numpy as np
 
 from pcalib.diagnosis import telling
 from pcalib.diagnosis.compare import compare
+from pcalib.diagnosis.diagnose import diagnose
+from pcalib.effects import Contribution, EffectParameter, get
 from pcalib.fitting import identification
 
 
@@ -40,3 +42,33 @@ class TestComparison:
 
 def _judged(found, data, error):
     return identification.accuracy(error[~data.check], data.sigma[~data.check], data.mask[~data.check], 0.0)
+
+
+class Wave:
+    """An effect of the user's own that is not there."""
+
+    name = "wave"
+    parameters = (EffectParameter("size", "urad", 1e-4),)
+    needs = ()
+
+    def contribution(self, at, theta):
+        return Contribution(actuator=theta[0] * np.sin(7 * at.q))
+
+
+class TestCandidates:
+    def test_rows_fall_in_p_and_the_users_own_are_listed_in_any_case(self, measured):
+        data, model = measured((("drive_compliance", 1.0),))
+        found = diagnose(model, data, [Wave()], n_draws=256)
+        every = telling.one_per_effect(found)
+        assert [(f.p, -f.s) for f in every] == sorted((f.p, -f.s) for f in every)
+        rows = telling.candidate_rows(found, 3)
+        assert len(rows) == 4 and rows[-1][0] == "wave" and all(len(row) == len(telling.CANDIDATES) for row in rows)
+        listed = telling.candidate_rows(found, None)
+        assert telling.candidates_left(found, 3).startswith(f"… and {len(listed) - 4} more")
+        assert telling.candidates_left(found, len(listed) - 3).endswith("more, all p > 0.99.")
+        assert telling.candidates_left(found, None) == ""
+
+    def test_a_compliance_that_cannot_be_has_no_stiffness(self, robot):
+        said = get("arm_bending", None, robot).describe(np.array([5e-6, -8e-7]))
+        assert said == "vertical 5 µm/N (elbow stiffness 0.2 N/µm); lateral -0.8 µm/N (not physical)"
+        assert get("arm_bending", None, robot).describe(np.array([5e-6, 0.0])).endswith("lateral 0 µm/N (rigid)")
