@@ -11,7 +11,7 @@ to bend its geometry all the while, which is what makes many poses useless.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from pcalib import effects, prediction, units
 from pcalib.diagnosis.candidates import level_columns
 from pcalib.diagnosis.channels import Point
-from pcalib.diagnosis.problem import Problem
+from pcalib.diagnosis.problem import Problem, spread
 from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, InputError
 from pcalib.fitting import linearisation
@@ -126,12 +126,12 @@ def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None
     data = made.data
     needs = {need for rival in rivals for e in rival for need in e.needs}
     known = _neutral(linearisation.conditions_of(data), needs)
-    old = measure.rows(made, rivals, unknowns, data.q, known)
+    old = _rows(made, rivals, unknowns, data.q, known, lambda _, columns: made.in_noise_units(columns))
     theta = [_size(made, old, side) for side in range(2)]
     start = [_Discrepancy.start(old, theta[side], side) for side in range(2) if rivals[side]]
 
     q, conditions = _candidates(made, rivals, options, rng)
-    new = measure.rows(made, rivals, unknowns, q, conditions)
+    new = _rows(made, rivals, unknowns, q, conditions, measure.whitened)
     usable = new.ok.copy()
     states, chosen, after = start, [], []
     for _ in range(min(n, int(usable.sum()))):
@@ -143,7 +143,7 @@ def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None
         states = [d.added(new, pick) for d in states]
         after.append(min(d.value for d in states))
 
-    similar = measure.rows(made, rivals, unknowns, *_similar(made, known, n, rng))
+    similar = _rows(made, rivals, unknowns, *_similar(made, known, n, rng), measure.whitened)
     same = start
     for row in np.flatnonzero(similar.ok):
         same = [d.added(similar, int(row)) for d in same]
@@ -176,6 +176,8 @@ class _Instrument:
 
     sigma: np.ndarray
     """(6,) [m, rad]; inf where a component is not measured."""
+    sigma_q: float
+    """[rad or m] joint repeatability."""
 
     @classmethod
     def of(cls, made: Problem) -> _Instrument:
@@ -184,32 +186,40 @@ class _Instrument:
         share = np.mean(data.mask, axis=0)
         usual = share > min(0.5, 0.9 * share.max())
         typical = [float(np.median(data.sigma[data.mask[:, c], c])) if usual[c] else np.inf for c in range(6)]
-        return cls(np.array(typical) * ratio)
+        return cls(np.array(typical) * ratio, made.noise.sigma_q)
 
-    def rows(
-        self,
-        made: Problem,
-        rivals: Sequence[Rival],
-        unknowns: Unknowns,
-        q: np.ndarray,
-        conditions: Conditions,
-    ) -> _Rows:
-        model = made.model
-        p = prediction.predict(model, q, conditions)
-        point = Point.of(model, p, conditions)
-        parts = [prediction.geometry_columns(model, p, point.closure, point.JX, unknowns.basis)]
-        own = [c for f in model.effects for c in effects.basis(f.effect, point.situation, f.theta)]
-        parts.append(point.columns(own))
-        if unknowns.n_frame:
-            parts.append(prediction.frame_columns(model, p))
-        per = 1.0 / self.sigma[:, None]
-        nuisance = np.concatenate(parts, axis=-1) * unknowns.scale * per
-        sides = []
-        for rival in rivals:
-            columns = [_columns(e, point) for e in rival]
-            sides.append(np.concatenate([*columns, np.zeros((len(q), 6, 0))], axis=-1) * per)
-        ok = p.status == "ok"
-        return _Rows(np.nan_to_num(nuisance), (np.nan_to_num(sides[0]), np.nan_to_num(sides[1])), p.position, ok)
+    def whitened(self, point: Point, columns: np.ndarray) -> np.ndarray:
+        """Columns (N, 6, p) [m, rad] in noise units; zero where nothing is measured."""
+        seen = np.isfinite(self.sigma)
+        per = np.where(seen, 1.0 / self.sigma, 0.0)[:, None]
+        if not self.sigma_q:
+            return columns * per
+        joint = self.sigma_q * per * point.response().actuator
+        return np.linalg.inv(np.linalg.cholesky(np.eye(6) + joint @ np.swapaxes(joint, -1, -2))) @ (columns * per)
+
+
+def _rows(
+    made: Problem,
+    rivals: Sequence[Rival],
+    unknowns: Unknowns,
+    q: np.ndarray,
+    conditions: Conditions,
+    whitened: Callable[[Point, np.ndarray], np.ndarray],
+) -> _Rows:
+    """Rows at commands q (N, nq), in units of the noise that `whitened` counts with."""
+    model = made.model
+    p = prediction.predict(model, q, conditions)
+    point = Point.of(model, p, conditions)
+    parts = [prediction.geometry_columns(model, p, point.closure, point.JX, unknowns.basis)]
+    own = [c for f in model.effects for c in effects.basis(f.effect, point.situation, f.theta)]
+    parts.append(point.columns(own))
+    if unknowns.n_frame:
+        parts.append(prediction.frame_columns(model, p))
+    parts = [np.concatenate(parts, axis=-1) * unknowns.scale * spread(model, unknowns)]
+    for rival in rivals:
+        parts.append(np.concatenate([*(_columns(e, point) for e in rival), np.zeros((len(q), 6, 0))], axis=-1))
+    nuisance, first, second = (np.nan_to_num(whitened(point, np.nan_to_num(columns))) for columns in parts)
+    return _Rows(nuisance, (first, second), p.position, p.status == "ok")
 
 
 def _columns(rival: Effect | Level, point: Point) -> np.ndarray:
@@ -288,8 +298,9 @@ def _candidates(
     tools = np.unique(np.round(data.tool, 9), axis=0) if options.tools is None else np.atleast_2d(options.tools)
     if "direction of motion" in wants or any(f"dir{i + 1}" in data.columns for i in range(nq)):
         columns |= {f"dir{i + 1}": rng.choice([-1.0, 1.0], n) for i in range(nq)}
-    for name in [c for c in {*columns, *needs} if c.startswith("temp")]:
-        if any(need.startswith("temp") for need in needs):
+    if any(need.startswith("temp") for need in needs):
+        one = "temp" in columns  # the thermometer stands in for those of parts that have none
+        for name in sorted(c for c in {*columns, *(() if one else needs)} if c.startswith("temp")):
             columns[name] = rng.choice([22.0 - TEMPERATURE_SWING, 22.0 + TEMPERATURE_SWING], n)
     if "time" in columns or "time" in needs:
         last = float(np.max(data.columns["time"])) if "time" in data.columns else 0.0
@@ -332,8 +343,5 @@ def table(robot: Robot, found: Plan) -> dict[str, np.ndarray]:
         columns |= {f"tool_{axis}_mm": tool[:, i] * 1e3 for i, axis in enumerate("xyz")}
     columns["payload_kg"] = np.array(payload)
     named = {"time": "time_s"} | {f"temp{part}": f"temp{part}_degC" for part in ("", "_arms", "_rods", "_base")}
-    there = dict(found.conditions.columns)
-    if "temp" in there:
-        there = {k: v for k, v in there.items() if not k.startswith("temp_")}
-    columns |= {named.get(name, name): np.asarray(values) for name, values in there.items()}
+    columns |= {named.get(name, name): np.asarray(values) for name, values in found.conditions.columns.items()}
     return columns | {f"expected_{axis}_mm": found.position[:, i] * 1e3 for i, axis in enumerate("xyz")}

@@ -243,8 +243,14 @@ def _solve(
     if (dof[seen] < enough).any():
         return None
     plain = np.flatnonzero(seen)
-    found = _scored(normal, plain)
-    joint = _scored(normal, np.r_[plain, 2])
+    S = blocks.components()
+    part = [slice(0, 3), slice(3, 6)]
+    # (2, 3) noise variance of each class, on average over its readings, per unit of each component
+    share = np.array([
+        [np.trace(S[k][:, p, p], axis1=1, axis2=2).sum() for k in range(3)] for p in part
+    ]) / np.maximum([[blocks.measured[:, p].sum()] for p in part], 1)  # fmt: skip
+    found = _scored(normal, plain, share[:, 2])
+    joint = _scored(normal, np.r_[plain, 2], share[:, 2])
     # Equations that do not depend on θ (MINQUE) state its doubt for noise of size 1.
     stated_for_one = source == "residuals"
     size = joint[0][:2].max() + joint[0][2] if joint is not None and stated_for_one else 1.0
@@ -255,13 +261,10 @@ def _solve(
     if found is None:
         return None
     theta, doubt = found
-    S = blocks.components()
     free = np.full(2, np.inf)
     for c in plain:
         # The variance of a class is mean·θ, known to 2·mean·A⁻¹·mean; as a multiple of χ²(ν)/ν that makes ν:
-        part = slice(3 * c, 3 * c + 3)
-        n = blocks.measured[:, part].sum()
-        mean = np.array([np.trace(S[k][:, part, part], axis1=1, axis2=2).sum() / n for k in chosen])
+        mean = share[c, chosen]
         total = 1.0 if stated_for_one else float(mean @ theta[chosen])
         free[c] = total**2 / float(mean @ doubt @ mean)
     sigma_q = float(np.sqrt(theta[2])) * blocks.unit
@@ -269,9 +272,13 @@ def _solve(
 
 
 def _scored(
-    normal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], chosen: np.ndarray
+    normal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], chosen: np.ndarray, joint_share: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """(3,) variances after a few scoring steps, and half their covariance; None where they have no solution."""
+    """(3,) variances after a few scoring steps, and half their covariance; None where they have no solution.
+
+    Args:
+        joint_share: (2,) noise variance of each class per unit of the joints' component.
+    """
     theta = np.zeros(3)
     theta[chosen] = 1.0
     A = np.eye(len(chosen))
@@ -285,8 +292,10 @@ def _scored(
             return None
         if not np.isfinite(theta).all():
             return None
-        # A share that is not there tends to zero and never below; each class has a scale of its own.
+        # A share that is not there tends to zero and never below; each class has a scale of its own. Where joints make
+        # nearly all the noise of a class the instrument's share is small, not nothing.
         theta[chosen] = np.maximum(theta[chosen], 0.02 * before[chosen])
+        theta[:2] = np.where(theta[:2] > 0, np.maximum(theta[:2], 0.02 * joint_share * theta[2]), 0.0)
         if not theta.max() > 0:
             return None
         if np.all(np.abs(theta - before) < 1e-3 * theta + _NOTHING * theta.max()):

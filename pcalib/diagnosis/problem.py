@@ -17,7 +17,7 @@ from pcalib.diagnosis.noise import Blocks, NoiseLevel
 from pcalib.diagnosis.outliers import Outliers
 from pcalib.diagnosis.patterns import Pattern, patterns, ripple
 from pcalib.diagnosis.ripple import scanned
-from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, screen, span
+from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, outside, screen
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
 from pcalib.fitting.sufficiency import require_reach
@@ -52,9 +52,13 @@ class Problem:
     given: Measurements
     """The fit rows before any were set aside."""
 
+    def in_noise_units(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (N, 6, p) [m, rad] in noise units, zero where nothing is measured."""
+        return self.whitener @ _padded(self.data, columns)
+
     def whitened(self, columns: np.ndarray) -> np.ndarray:
         """Columns (N, 6, p) [m, rad] as (M, p) in noise units."""
-        return _gather(self.whitener @ _padded(self.data, columns), self.row, self.component)
+        return _gather(self.in_noise_units(columns), self.row, self.component)
 
     @cached_property
     def groups(self) -> list[Group]:
@@ -136,7 +140,7 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
     linear = linearisation.linearise(model, fit, unknowns)
     require_reach(linear.prediction, fit)
     point = Point.of(model, linear.prediction, linearisation.conditions_of(fit))
-    nuisance = linear.jacobian * unknowns.scale * _spread(model, unknowns)
+    nuisance = linear.jacobian * unknowns.scale * spread(model, unknowns)
 
     def whiten(columns: np.ndarray) -> np.ndarray:
         return _gather(_padded(fit, columns), linear.row, linear.component)
@@ -165,7 +169,7 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
     )  # fmt: skip
 
 
-def _spread(model: Model, unknowns: Unknowns) -> np.ndarray:
+def spread(model: Model, unknowns: Unknowns) -> np.ndarray:
     """(n,) by how much each unknown's prior must be widened for this robot: geometry by its own errors, never less."""
     out = np.ones(len(unknowns.names))
     g = unknowns.n_geometry
@@ -188,7 +192,7 @@ def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
     repeated = noises.from_replicates(made.data, blocks, V)
     Q = joint_span(made.nuisance, made.groups)
     if repeated is not None:
-        Q = span(np.hstack([Q, _gather(V, made.row, made.component)]), 1e-6)
+        Q = np.hstack([Q, outside(_gather(V, made.row, made.component), Q)])
     # What was chosen to suit the noise took of it in all directions alike: some outside all else.
     luck = max((group.search.luck for group in made.groups), default=0.0) * (1 - Q.shape[1] / len(made.y))
     enough = noises.ENOUGH_REST if repeated is None else noises.ENOUGH_BESIDE

@@ -87,7 +87,12 @@ def span(columns: np.ndarray, threshold: float) -> np.ndarray:
     """Orthonormal basis of the directions with singular value above `threshold`, (M, r)."""
     if columns.shape[1] == 0:
         return columns
-    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    try:
+        U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    except np.linalg.LinAlgError:  # LAPACK's fast driver fails on a rare matrix that its slow one can do
+        from scipy.linalg import svd
+
+        U, s, _ = svd(columns, full_matrices=False, lapack_driver="gesvd")
     return U[:, s > threshold]
 
 

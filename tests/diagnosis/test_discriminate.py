@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -120,3 +122,27 @@ def test_columns_that_nobody_has_are_named(plain, robot, tmp_path):
     )
     with pytest.raises(EffectError, match="humidity"):
         plan(made, [[effects.parse(f"{file}:Damp", robot)], []], 3)
+
+
+def test_one_thermometer_is_planned_for_as_it_is_written(measured, robot):
+    """Where only one temperature is recorded, all parts follow it, in the plan and in the file that asks for it."""
+    data, model = measured()
+    rng = np.random.default_rng(0)
+    made = problem(model, replace(data, columns={"temp": 20 + rng.standard_normal(len(data))}))
+    pair = [[effects.get("thermal_arms", None, robot)], [effects.get("thermal_rods", None, robot)]]
+    found = plan(made, pair, 6, Options(candidates=200))
+    assert set(found.conditions.columns) == {"temp"}
+    written = discriminate.table(robot, found)
+    assert [name for name in written if name.startswith("temp")] == ["temp_degC"]
+    np.testing.assert_array_equal(written["temp_degC"], found.conditions.columns["temp"])
+
+
+def test_a_plan_counts_with_the_repeatability_of_the_joints(measured, robot):
+    """Rows that an exact instrument reads behind sloppy joints tell little."""
+    data, model = measured((), "plain", 60, 0)
+    made = problem(model, data)
+    pair = [[effects.get("backlash", None, robot)], [effects.get("joint_clearance", None, robot)]]
+    exact = plan(made, pair, 6)
+    unit = made.whitener[:, :1, :1] * 0 + np.eye(6)
+    sloppy = replace(made, noise=replace(made.noise, sigma_q=1e-4), whitener=0.25 * unit)
+    assert plan(sloppy, pair, 6).after[-1] < 0.5 * exact.after[-1]

@@ -68,6 +68,13 @@ class TestVarianceComponents:
         assert len(seen) > 30
         np.testing.assert_allclose(np.mean([g.sigma_q for g in seen]), joint, rtol=0.1)
 
+    def test_where_joints_make_all_the_noise_the_instrument_keeps_a_share(self, data):
+        """Else what joints cannot do would be held against the robot with a σ of nothing."""
+        for seed in range(10):
+            made = blocks(np.random.default_rng(seed), 0.05, 1, 3e-4, True)
+            level = replicated(data, made)
+            assert level.sigma_q > 0 and level.ratio[0] > 0.1 * level.sigma_pos / 15e-6
+
     def test_from_what_is_left(self, data):
         rng = np.random.default_rng(0)
         Q = np.linalg.qr(rng.standard_normal((6 * N, 120)))[0].reshape(N, 6, 120)
