@@ -7,9 +7,11 @@ Who measured the misses (MuJoCo, an instrument, or a model's own prediction) is 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from pcalib import summary
 from pcalib.fitting.identification import Fit
 from pcalib.model import Model
 from pcalib.robot import Robot
@@ -162,6 +164,25 @@ def table(ladder: Ladder) -> tuple[list[str], list[list[str]]]:
             row += [size(m.rms[s]), size(m.max[s])]
         rows.append(row)
     return header, rows
+
+
+def as_json(ladder: Ladder) -> dict[str, Any]:
+    """The figures of every step; lists have one entry per tool."""
+    return {
+        "tools_mm": [m.tool * 1e3 for m in ladder.maps],
+        "targets": [len(m.targets) for m in ladder.maps],
+        "steps": [
+            {
+                "name": step.name,
+                "commands": step.method,
+                "rms_um": ladder.rms[s] * 1e6,
+                "max_um": ladder.max[s] * 1e6,
+                "not_reached": [int((m.status[s] != "ok").sum()) for m in ladder.maps],
+                "fit": None if step.fit is None else summary.statistics(step.fit),
+            }
+            for s, step in enumerate(ladder.steps)
+        ],
+    }
 
 
 def sentence(ladder: Ladder) -> str:

@@ -13,7 +13,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pcalib.cli.frame import OutputFolder
+from pcalib.cli.frame import JsonOption, OutputFolder
 
 
 def command(
@@ -23,6 +23,7 @@ def command(
     seed: int = 0,
     robot: Path | None = None,
     workers: int = 1,
+    json: JsonOption = None,
 ) -> None:
     """Write data sets with hidden faults whose truth lies sealed beside them.
 
@@ -47,6 +48,8 @@ def command(
         made = blind.make(robots.load(path), output, n, seed, workers, advance)
     frame.say(f"{output}: {len(made)} data sets, {made[0].name} to {made[-1].name}, and robot.toml")
     frame.say(f"{output / blind.SEALED}: what is hidden in them, sealed")
+    content = {"schema": "pcbench.blind/1", "folder": output, "seed": seed, "sets": [path.name for path in made]}
+    frame.write_json(json, {**content, "robot": "robot.toml", "sealed": blind.SEALED})
     first, model = made[0], made[0].with_suffix(".toml")
     frame.say(
         f"Diagnose each, e.g. pcalib fit {first} --robot {output / 'robot.toml'} -o {model}; "

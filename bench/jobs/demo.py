@@ -257,17 +257,5 @@ def content(demo: Demo) -> dict[str, Any]:
         "seed": demo.settings.seed,
         "poses": demo.settings.poses,
         "n_identified": demo.complete.n_identified,
-        "tools_mm": [m.tool * 1e3 for m in ladder.maps],
-        "targets": [len(m.targets) for m in ladder.maps],
-        "steps": [
-            {
-                "name": step.name,
-                "commands": step.method,
-                "rms_um": ladder.rms[s] * 1e6,
-                "max_um": ladder.max[s] * 1e6,
-                "not_reached": [int((m.status[s] != "ok").sum()) for m in ladder.maps],
-                "fit": None if step.fit is None else summary.statistics(step.fit),
-            }
-            for s, step in enumerate(ladder.steps)
-        ],
+        **ladders.as_json(ladder),
     }

@@ -1,6 +1,6 @@
 """Effects: the library's list, and a template for one of your own.
 
-pcalib effect list
+pcalib effect list --json effects.json
 pcalib effect new WormGear
 pcalib effect check worm_gear.py:WormGear --robot models/delta.toml
 """
@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pcalib.cli.frame import say, show_table
+from pcalib.cli.frame import JsonOption, say, show_table, write_json
 
 
-def command(what: str, name: str = "", /, *, robot: Path | None = None) -> int | None:
+def command(what: str, name: str = "", /, *, robot: Path | None = None, json: JsonOption = None) -> int | None:
     """Effects: the library's list, and a template for one of your own.
 
     'list' shows the library. 'new NAME' writes NAME.py, ten lines to change. 'check file.py:Class' loads it as a
@@ -30,18 +30,22 @@ def command(what: str, name: str = "", /, *, robot: Path | None = None) -> int |
 
     described = robots.load(robot) if robot is not None else None
     if what == "list":
-        rows = []
+        found = []
         for each in effects.names():
             effect = effects.get(each)
             unsuited = effect.unsuited(described.mechanism) if described else ""
-            rows.append((each, effect.title, ", ".join(effect.variants), ", ".join(effect.wants), unsuited))
-        show_table(("effect", "what happens", "variants", "seen best with", "note"), rows)
+            about = {"title": effect.title, "variants": effect.variants, "wants": effect.wants, "unsuited": unsuited}
+            found.append({"effect": each, **about})
+        header = ("effect", "what happens", "variants", "seen best with", "note")
+        show_table(header, [[c if isinstance(c, str) else ", ".join(c) for c in row.values()] for row in found])
+        write_json(json, {"schema": "pcalib.effect/1", "effects": found})
         return None
     if what == "new":
         filename, classname, text = user.template(name)
         if Path(filename).exists():
             raise InputError("the file is there already", file=filename, remedy="choose another name, or move it away")
         files.write_text(filename, text)
+        write_json(json, {"schema": "pcalib.effect/1", "file": filename, "class": classname})
         say(f"{filename} is written. Change it, then: pcalib effect check {filename}:{classname} --robot ROBOT.toml")
         return None
     if what != "check":
@@ -58,6 +62,9 @@ def command(what: str, name: str = "", /, *, robot: Path | None = None) -> int |
     )
     from pcalib.diagnosis.kinship import kinship
 
-    for line in kinship(effect, described):
+    lines = kinship(effect, described)
+    for line in lines:
         say(f"- {line}")
+    about = {"linear": effect.linear, "channels": effect.channels, "kinship": lines}
+    write_json(json, {"schema": "pcalib.effect/1", "effect": effect.name, **about})
     return None

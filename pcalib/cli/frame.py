@@ -100,11 +100,12 @@ PROGRESS_AFTER = 2.0
 """[s] work that takes longer shows a progress bar, on a terminal."""
 
 
-def app(name: str, package: str, path: Iterable[str], description: str) -> App:
+def app(name: str, package: str, path: Iterable[str], description: str, examples: str = "") -> App:
     """A program whose commands are the files of `package`, which lies at `path`; none of them is imported."""
     program = App(
         name=name,
         help=description,
+        help_epilogue=_examples(examples),
         help_format="plaintext",
         version=_version,
         version_flags=["--version"],
@@ -297,7 +298,11 @@ def _help(source: Path) -> tuple[str, str]:
     # Paragraphs are wrapped to the terminal, not to the source.
     paragraphs = [summary, *(textwrap.dedent(about).split("\n\n"))]
     text = "\n\n".join(" ".join(part.split()) for part in paragraphs if part.strip())
-    return text, f"Examples:\n{textwrap.indent(inspect.cleandoc(examples), '  ')}" if examples.strip() else ""
+    return text, _examples(examples)
+
+
+def _examples(lines: str) -> str:
+    return f"Examples:\n{textwrap.indent(inspect.cleandoc(lines), '  ')}" if lines.strip() else ""
 
 
 def _usage(program: App, error: CycloptsError) -> str:

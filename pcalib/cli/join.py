@@ -1,16 +1,17 @@
 """Join measurement files: what was measured first, and what a plan asked for later.
 
 pcalib join data.csv more.csv -o all.csv
+pcalib join data.csv more.csv -o all.csv --json joined.json
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from pcalib.cli.frame import RequiredOutput, say
+from pcalib.cli.frame import JsonOption, RequiredOutput, say, write_json
 
 
-def command(*data: Path, output: RequiredOutput) -> int | None:
+def command(*data: Path, output: RequiredOutput, json: JsonOption = None) -> int | None:
     """Join measurement files: what was measured first, and what a plan asked for later.
 
     Args:
@@ -26,4 +27,6 @@ def command(*data: Path, output: RequiredOutput) -> int | None:
     lost = sorted({c for part in parts for c in part.columns} - joined.columns.keys())
     note = f" Left out, as not all files have them: {', '.join(lost)}." if lost else ""
     say(f"{len(joined)} rows of {len(parts)} files written to {output}.{note}")
+    content = {"schema": "pcalib.join/1", "file": output, "rows": len(joined), "files": data, "left_out": lost}
+    write_json(json, content)
     return None

@@ -3,7 +3,7 @@
     pcalib view out/demo
     pcalib view out/demo/demo.rrd --browser
     pcalib view m.toml --tool 0,0,0mm --tool 0,0,-300mm
-    pcalib view m.toml --save m.rrd
+    pcalib view m.toml --save m.rrd --json m.view.json
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Annotated
 import numpy as np
 
 from pcalib.cli._tools import ToolsOption, tool_options
-from pcalib.cli.frame import BesideOption, quantity
+from pcalib.cli.frame import BesideOption, JsonOption, quantity
 
 
 def command(
@@ -26,6 +26,7 @@ def command(
     save: BesideOption = None,
     browser: bool = False,
     effect_file: tuple[str, ...] = (),
+    json: JsonOption = None,
 ) -> int | None:
     """Open the viewer on a recording, or on a model and what it says of the robot.
 
@@ -43,7 +44,7 @@ def command(
     import shutil
     import tempfile
 
-    from pcalib import files, modelfile, view
+    from pcalib import files, ladder, modelfile, view
     from pcalib.cli import frame
     from pcalib.errors import InputError
     from pcalib.view import viewer
@@ -53,6 +54,7 @@ def command(
         if tool or payload is not None:
             raise InputError("--tool and --payload are for model files; a recording has its own", file=run)
         found = viewer.recording_of(run)
+        frame.write_json(json, {"schema": "pcalib.view/1", "run": run, "recording": save or found})
         if save is None:
             viewer.show(found, browser)
             return None
@@ -63,9 +65,12 @@ def command(
 
     model = modelfile.load(run, effect_file)
     tools = tool_options(tool, model.robot)
-    if payload is not None and payload[0] < 0:
+    load = 0.0 if payload is None else float(payload[0])
+    if load < 0:
         raise InputError("--payload: a payload cannot be negative", remedy="write e.g. 2kg")
-    what = predicted(model, tools, 0.0 if payload is None else float(payload[0]), effect_file)
+    what = predicted(model, tools, load, effect_file)
+    content = {"schema": "pcalib.view/1", "run": run, "recording": save, "source": what.source, "payload_kg": load}
+    frame.write_json(json, content | ladder.as_json(what))
     if save is not None:
         view.write(save, what, model=model, identity=run.stem)
         frame.say(f"Recording written to {save}.")

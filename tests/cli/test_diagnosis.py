@@ -170,9 +170,12 @@ def test_next_plans_what_tells_rivals_apart(run, folder):
     truth = truths.Truth(robots.load(ROBOT_FILE), np.zeros(60), Instrument(sigma_pos=15e-6, sigma_rot=60e-6))
     more = simulate.run(truth, plans.make(truth.robot, folder / "plan.csv"), 1).measurements
     measurement.save(folder / "more.csv", more)
-    code, out, _ = run("join", "data.csv", "more.csv", "-o", "all.csv")
+    code, out, _ = run("join", "data.csv", "more.csv", "-o", "all.csv", "--json", "j.json")
     assert code == 0 and out.startswith("129 rows of 2 files")
     joined = measurement.load(folder / "all.csv", truth.robot)
+    said = json.loads((folder / "j.json").read_text())
+    assert said["schema"] == "pcalib.join/1" and said["rows"] == 129 and said["files"] == ["data.csv", "more.csv"]
+    assert said["left_out"][0] == "expected_x_mm"
     assert len(joined) == 129 and set(joined.pose_id[-4:]) == {-1}
     assert run("next", "data.csv", "-m", "m.toml", "--between", "backlash")[0] == 2
     assert "did you mean" in run("next", "data.csv", "-m", "m.toml", "--between", "backlsh,nothing")[2]
@@ -220,8 +223,9 @@ def test_an_effect_of_the_users_own(run, folder):
         .replace("1e-4", "2e-5")
     )
     file.write_text(text)
-    code, out, _ = run("effect", "check", "soft_drive.py:SoftDrive", "--robot", ROBOT_FILE)
+    code, out, _ = run("effect", "check", "soft_drive.py:SoftDrive", "--robot", ROBOT_FILE, "--json", "k.json")
     assert code == 0 and "no different from drive_compliance" in out
+    assert json.loads((folder / "k.json").read_text())["channels"] == ["actuator"]
     code, out, _ = run("diagnose", "data.csv", "-m", "m.toml", "--effect-file", "soft_drive.py:SoftDrive")
     assert code == 0 and "soft_drive" in out.split("Candidates")[0]
     code, out, _ = run("add", "soft_drive.py:SoftDrive", "data.csv", "-m", "m.toml", "-o", "own.toml")
@@ -249,9 +253,12 @@ def test_an_effect_of_the_users_own(run, folder):
     assert code == 2 and "soft_drive.py:" in err and "IndexError" in err and "Traceback" not in err
 
 
-def test_effect_list(run):
-    code, out, _ = run("effect", "list", "--robot", ROBOT_FILE)
+def test_effect_list(run, folder):
+    code, out, _ = run("effect", "list", "--robot", ROBOT_FILE, "--json", "list.json")
     assert code == 0 and "play in the drives" in out
+    found = json.loads((folder / "list.json").read_text())
+    assert found["schema"] == "pcalib.effect/1" and len(found["effects"]) == 17
+    assert {"effect", "title", "variants", "wants", "unsuited"} == set(found["effects"][0])
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The frame of the command lines, on a program of its own and on the real ones: exit codes, messages, speed."""
 
+import importlib
+import inspect
 import io
 import json
 import math
@@ -185,6 +187,18 @@ def test_installed_programs(name):
         assert wrong.returncode == 2 and wrong.stdout == "" and wrong.stderr.startswith("error: ")
         assert "Traceback" not in wrong.stderr
     assert call("--version").returncode == 0
+
+
+@pytest.mark.parametrize("folder", ["pcalib", "bench"])
+def test_every_program_has_examples_and_every_command_json(folder, capsys):
+    program = importlib.import_module(f"{folder}.cli")
+    assert program.main(["--help"]) == 0
+    assert "Examples:\n  pc" in capsys.readouterr().out
+    for file in (ROOT / folder / "cli").glob("*.py"):
+        if file.stem.startswith("_") or file.stem == "frame":
+            continue
+        command = importlib.import_module(f"{folder}.cli.{file.stem}").command
+        assert "json" in inspect.signature(command).parameters, file.stem
 
 
 def test_python_dash_m():

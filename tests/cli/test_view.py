@@ -1,5 +1,6 @@
 """`pcalib view` through its entry point."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -30,10 +31,14 @@ def shown(monkeypatch) -> list[tuple[Path, bool]]:
 
 
 def test_a_model_is_drawn_and_saved(model, tmp_path, capsys, shown):
-    out = tmp_path / "out.rrd"
-    assert cli.main(["view", str(model), "--tool", "0,0,-50mm", "--payload", "1kg", "--save", str(out)]) == 0
+    out, told = tmp_path / "out.rrd", tmp_path / "v.json"
+    files = ["--save", str(out), "--json", str(told)]
+    assert cli.main(["view", str(model), "--tool", "0,0,-50mm", "--payload", "1kg", *files]) == 0
     assert out.stat().st_size > 10_000 and shown == []
     assert "out.rrd" in capsys.readouterr().out
+    said = json.loads(told.read_text())
+    assert said["schema"] == "pcalib.view/1" and said["recording"] == str(out) and said["payload_kg"] == 1
+    assert said["tools_mm"] == [[0, 0, -50]] and said["steps"][0]["rms_um"][0] > 50
 
 
 def test_models_recordings_and_folders_open_the_viewer(model, tmp_path, shown):
@@ -41,7 +46,8 @@ def test_models_recordings_and_folders_open_the_viewer(model, tmp_path, shown):
     run = tmp_path / "run"
     run.mkdir()
     assert cli.main(["view", str(model), "--save", str(run / "a.rrd")]) == 0
-    assert cli.main(["view", str(run)]) == 0
+    assert cli.main(["view", str(run), "--json", str(tmp_path / "v.json")]) == 0
+    assert json.loads((tmp_path / "v.json").read_text())["recording"] == str(run / "a.rrd")
     assert cli.main(["view", str(run / "a.rrd"), "--browser"]) == 0
     assert shown[1:] == [(run / "a.rrd", False), (run / "a.rrd", True)]
     assert not shown[0][0].exists()  # the recording of a model is made for the look only

@@ -96,7 +96,9 @@ def test_what_cannot_be_made_is_refused(made, tmp_path, capsys):
 
 
 def test_the_command_writes_them(tmp_path, capsys):
-    assert cli.main(["blind", "--seed", "3", "-n", "1", "-o", str(tmp_path / "b")]) == 0
+    told = tmp_path / "b.json"
+    assert cli.main(["blind", "--seed", "3", "-n", "1", "-o", str(tmp_path / "b"), "--json", str(told)]) == 0
+    assert json.loads(told.read_text())["sets"] == ["001.csv"]
     said = capsys.readouterr().out
     assert "pcalib diagnose" in said and "pcbench score" in said
     assert (tmp_path / "b" / "001.csv").exists() and (tmp_path / "b" / "robot.toml").exists()
