@@ -176,7 +176,7 @@ def _effect_from(entry: Mapping[str, Any], described: robot.Robot, effect_files:
         if not named:
             raise EffectError(
                 f"the model uses an effect of your own, {spec}; code is loaded only when you name it:\n"
-                f"  add --effect-file {spec}"
+                f"  add --effect {spec}"
             )
         effect = effects.parse(named[0], described)
     else:

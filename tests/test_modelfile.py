@@ -301,7 +301,7 @@ def test_code_is_loaded_only_when_named(delta, tmp_path):
     trap.unlink()
     with pytest.raises(EffectError, match="code is loaded only when you name it") as caught:
         modelfile.load(path)
-    assert "--effect-file" in str(caught.value) and not trap.exists()
+    assert "add --effect " in str(caught.value) and not trap.exists()
     with pytest.raises(EffectError, match="code is loaded only when you name it"):
         modelfile.load(path, [str(tmp_path / "other.py") + ":WormGear"])
     with pytest.raises(EffectError, match="code is loaded only when you name it"):

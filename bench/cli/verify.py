@@ -13,6 +13,7 @@ from typing import Annotated
 
 import numpy as np
 
+from pcalib.cli._inputs import EffectFiles
 from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import JsonOption, quantity
 
@@ -33,7 +34,7 @@ def command(
     max_um: float | None = None,
     max_ap_um: float | None = None,
     max_rp_um: float | None = None,
-    effect_file: tuple[str, ...] = (),
+    effect_file: EffectFiles = (),
     seed: int = 0,
     json: JsonOption = None,
 ) -> int:
@@ -58,7 +59,6 @@ def command(
         max_um: Largest error that is accepted.
         max_ap_um: Largest AP of a target that is accepted.
         max_rp_um: Largest RP of a target that is accepted.
-        effect_file: file.py:Class of an effect of your own that the model uses and that may be loaded.
         seed: Of approach directions and of the drives' repeatability.
     """
     from bench.jobs import verify, verify_report

@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from pcalib.data.measurement import Measurements
 from pcalib.effects.base import Effect
+from pcalib.errors import InputError
 from pcalib.model import Model
 
 ModelOption = Annotated[Path, Parameter(name=["--model", "-m"], help="Model file, as 'pcalib fit' writes it.")]
+
+
+def own_effects(_: Any, specs: tuple[str, ...]) -> None:
+    """Refuse what names no file: effects of the library need not be named."""
+    for spec in specs:
+        if ".py" not in spec:
+            raise InputError(
+                f"--effect {spec}: this names no file", remedy="write file.py:Class; the library is known without"
+            )
+
+
 EffectFiles = Annotated[
     tuple[str, ...],
     Parameter(
-        name="--effect-file",
-        help="file.py:Class of an effect of your own, to load and consider; may be given several times.",
+        name=["--effect", "--effect-file"],
+        validator=own_effects,
+        help="file.py:Class of an effect of your own that may be loaded; may be given several times.",
     ),
 ]
 

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import numpy as np
 
+from pcalib.cli._inputs import EffectFiles
 from pcalib.cli.frame import JsonOption, RequiredOutput, quantity, say, write_json
 
 
@@ -22,7 +23,7 @@ def command(
     output: RequiredOutput,
     tool: Annotated[np.ndarray | None, quantity("length", 3)] = None,
     method: str = "exact",
-    effect_file: tuple[str, ...] = (),
+    effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:
     """Commands that bring the TCP to wanted positions, by a calibrated model.
@@ -37,7 +38,6 @@ def command(
         tool: TCP in the plate frame with its unit, e.g. 0,0,-300mm; the targets' own tool columns where they have
             them.
         method: exact (inverse of the complete model) or first-order (the paper's).
-        effect_file: file.py:Class of an effect of your own that the model uses and that may be loaded.
     """
     from pcalib import compensation, effects, modelfile
     from pcalib.cli._tools import require_tool

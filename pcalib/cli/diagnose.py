@@ -2,7 +2,7 @@
 
 pcalib diagnose data.csv --model m.toml
 pcalib diagnose data.csv --model m.toml --most 3 --json diagnosis.json
-pcalib diagnose data.csv --model m.toml --effect-file worm_gear.py:WormGear
+pcalib diagnose data.csv --model m.toml --effect worm_gear.py:WormGear
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from typing import Annotated
 
 import numpy as np
 
+from pcalib.cli._inputs import EffectFiles
 from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import BesideOption, JsonOption, quantity
 
@@ -25,7 +26,7 @@ def command(
     payload: Annotated[np.ndarray | None, quantity("mass")] = None,
     save: BesideOption = None,
     browser: bool = False,
-    effect_file: tuple[str, ...] = (),
+    effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:
     """Open the viewer on a recording, or on a model and what it says of the robot.
@@ -39,7 +40,6 @@ def command(
         payload: Mass at the TCP, e.g. 1kg. For model files.
         save: Write the recording to this file, and open no viewer.
         browser: Show it in the browser instead of a window.
-        effect_file: file.py:Class of an effect of your own that the model uses and that may be loaded.
     """
     import shutil
     import tempfile

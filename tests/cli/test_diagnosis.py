@@ -226,13 +226,13 @@ def test_an_effect_of_the_users_own(run, folder):
     code, out, _ = run("effect", "check", "soft_drive.py:SoftDrive", "--robot", ROBOT_FILE, "--json", "k.json")
     assert code == 0 and "no different from drive_compliance" in out
     assert json.loads((folder / "k.json").read_text())["channels"] == ["actuator"]
-    code, out, _ = run("diagnose", "data.csv", "-m", "m.toml", "--effect-file", "soft_drive.py:SoftDrive")
+    code, out, _ = run("diagnose", "data.csv", "-m", "m.toml", "--effect", "soft_drive.py:SoftDrive")
     assert code == 0 and "soft_drive" in out.split("Candidates")[0]
     code, out, _ = run("add", "soft_drive.py:SoftDrive", "data.csv", "-m", "m.toml", "-o", "own.toml")
     assert code == 0 and "confirmed" in out
     code, _, err = run("compare", "data.csv", "-m", "own.toml")
-    assert code == 2 and "--effect-file" in err  # code runs only where it is named
-    code, out, _ = run("compare", "data.csv", "-m", "own.toml", "--effect-file", "soft_drive.py:SoftDrive")
+    assert code == 2 and "add --effect soft_drive.py:SoftDrive" in err  # code runs only where it is named
+    code, out, _ = run("compare", "data.csv", "-m", "own.toml", "--effect", "soft_drive.py:SoftDrive")
     assert code == 0 and "No pattern stands out" in out
     assert (
         run(
@@ -272,6 +272,7 @@ def test_effect_list(run, folder):
         (("explain", "backlash", "data.csv", "-m", "m.toml", "--plot", "e.png"), "drawings are SVG"),
         (("add", "backlsh", "data.csv", "-m", "m.toml"), "did you mean 'backlash'"),
         (("drop", "backlash", "data.csv", "-m", "m.toml"), "no effects to drop"),
+        (("diagnose", "data.csv", "-m", "m.toml", "--effect", "backlash"), "names no file"),
         (("effect", "change"), "unknown action"),
         (("effect", "check", "x.py:Y"), "--robot is needed"),
     ],

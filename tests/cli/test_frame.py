@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from pcalib.cli import frame
+from pcalib.cli._inputs import EffectFiles
 
 ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(sys.executable).parent
@@ -198,7 +199,10 @@ def test_every_program_has_examples_and_every_command_json(folder, capsys):
         if file.stem.startswith("_") or file.stem == "frame":
             continue
         command = importlib.import_module(f"{folder}.cli.{file.stem}").command
-        assert "json" in inspect.signature(command).parameters, file.stem
+        options = inspect.signature(command, eval_str=True).parameters
+        assert "json" in options, file.stem
+        own = options.get("effect_file")
+        assert own is None or own.annotation == EffectFiles, file.stem
 
 
 def test_python_dash_m():

@@ -79,7 +79,7 @@ COMMANDS = {
     "capture": "pcalib import motion-capture {} -o new.csv --robot-output new.toml --json new.json",
     "effect": """
         pcalib fit data.csv --robot robot.toml --effect {}:Mine -o new.toml
-        pcalib diagnose data.csv --model m.toml --effect-file {}:Mine --json new.json
+        pcalib diagnose data.csv --model m.toml --effect {}:Mine --json new.json
         pcalib explain {}:Mine data.csv --model m.toml --plot new.svg
         pcalib add {}:Mine data.csv --model m.toml -o new.toml
         pcalib next data.csv --model m.toml --between {}:Mine,backlash -o new.csv
