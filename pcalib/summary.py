@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pcalib import wording
+from pcalib import units, wording
 from pcalib.fitting.identification import Accuracy, Fit
 
 AT_THE_NOISE = 1.15
@@ -63,7 +63,12 @@ def fit_json(fit: Fit) -> dict[str, Any]:
                 "effect": f.effect.name,
                 "spec": f.spec or f.effect.name,
                 "parameters": {
-                    p.name: {"value": float(f.theta[i]), "sigma": _at(f.sigma, i), "shown_in": p.unit}
+                    p.name: {
+                        "value": float(f.theta[i]),
+                        "sigma": _at(f.sigma, i),
+                        "unit": units.si(p.unit),
+                        "shown_in": p.unit,
+                    }
                     for i, p in enumerate(f.effect.parameters)
                 },
             }

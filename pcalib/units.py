@@ -143,6 +143,14 @@ def factor(suffix: str) -> float:
     return UNITS[suffix].factor
 
 
+def si(suffix: str) -> str:
+    """The spelling of a unit's SI unit: ``urad_Nm`` → ``rad_Nm``; '1' where that is a pure number."""
+    if suffix == "1":
+        return "1"
+    dimension = UNITS[suffix].dimension
+    return next((u.suffix for u in UNITS.values() if u.dimension == dimension and u.factor == 1.0), "1")
+
+
 _SPOKEN = {"um": "µm", "degC": "°C", "deg": "°", "m_s2": "m/s²", "1": "", "1_K": "1/K", "per_rev": "per turn"}
 
 

@@ -37,6 +37,21 @@ def test_split_takes_the_longest_suffix(name, quantity, suffix):
     assert (stem, unit.suffix if unit else None) == (quantity, suffix)
 
 
+@pytest.mark.parametrize("suffix", [*units.UNITS, "1"])
+def test_si_has_the_dimension_and_no_factor(suffix):
+    found = units.si(suffix)
+    assert units.factor(found) == 1
+    if found == "1":
+        assert suffix in ("ppm", "1")
+    else:
+        assert units.UNITS[found].dimension == units.UNITS[suffix].dimension
+
+
+def test_si_by_hand():
+    given = ["mm", "arcmin", "urad_Nm", "ppm_K", "um_h", "per_rev", "mm_rev"]
+    assert [units.si(s) for s in given] == ["m", "rad", "rad_Nm", "1_K", "m_s", "per_rev", "m_rad"]
+
+
 def test_resolve_converts_and_ignores_others():
     found = units.resolve(["q1_deg", "x_um", "humidity"], {"q1": "angle", "x": "length", "y": "length"})
     assert found.keys() == {"q1", "x"}

@@ -23,7 +23,7 @@ def command(what: str, name: str = "", /, *, robot: Path | None = None, json: Js
         name: Of the new effect, or file.py:Class to check.
         robot: Robot file (TOML) to try it on.
     """
-    from pcalib import effects, files
+    from pcalib import effects, files, units
     from pcalib import robot as robots
     from pcalib.effects import user
     from pcalib.errors import EffectError, InputError, unknown
@@ -65,6 +65,7 @@ def command(what: str, name: str = "", /, *, robot: Path | None = None, json: Js
     lines = kinship(effect, described)
     for line in lines:
         say(f"- {line}")
-    about = {"linear": effect.linear, "channels": effect.channels, "kinship": lines}
+    parameters = {p.name: {"unit": units.si(p.unit), "shown_in": p.unit} for p in effect.parameters}
+    about = {"linear": effect.linear, "channels": effect.channels, "parameters": parameters, "kinship": lines}
     write_json(json, {"schema": "pcalib.effect/1", "effect": effect.name, **about})
     return None

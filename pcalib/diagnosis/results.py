@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pcalib import summary
+from pcalib import summary, units
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding
 from pcalib.diagnosis.evidence import Evidence
@@ -78,6 +78,7 @@ def _candidate_json(f: Finding) -> dict[str, Any]:
                 "value": float(f.theta[i]),
                 "sigma": float(f.sigma[i]) if np.isfinite(f.sigma[i]) else None,
                 "smallest_seen": float(f.smallest_seen[i]) if np.isfinite(f.smallest_seen[i]) else None,
+                "unit": units.si(p.unit),
                 "shown_in": p.unit,
             }
     return {

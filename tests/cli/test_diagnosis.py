@@ -76,6 +76,8 @@ def test_diagnose(run, folder):
     found = json.loads((folder / "d.json").read_text())
     assert found["schema"] == "pcalib.diagnosis/1" and found["verdict"] in ("established", "ambiguous")
     assert ["drive_compliance"] in found["adequate"]
+    soft = next(c for c in found["candidates"] if c["effect"] == "drive_compliance")["parameters"]["compliance"]
+    assert (soft["unit"], soft["shown_in"]) == ("rad_Nm", "urad_Nm") and 1e-5 < soft["value"] < 1e-4
     assert out.splitlines()[0] == found["sentence"] or found["sentence"].startswith(out.splitlines()[0])
     assert (folder / "d.html").read_text().count("<svg") == 2
 
@@ -94,6 +96,8 @@ def test_add_log_drop_and_back(run, folder):
     assert code == 0 and "confirmed" in out.splitlines()[0]
     step = json.loads((folder / "a.json").read_text())
     assert step["schema"] == "pcalib.add/1" and step["effect"] == "drive_compliance"
+    (soft,) = step["after"]["effects"][0]["parameters"].values()
+    assert (soft["unit"], soft["shown_in"]) == ("rad_Nm", "urad_Nm") and 1e-5 < soft["value"] < 1e-4
     assert step["after"]["check"]["rms_pos_um"] < 0.8 * step["before"]["check"]["rms_pos_um"]
     assert step["before"]["schema"] == step["after"]["schema"] == "pcalib.fit/1"
 
@@ -225,7 +229,9 @@ def test_an_effect_of_the_users_own(run, folder):
     file.write_text(text)
     code, out, _ = run("effect", "check", "soft_drive.py:SoftDrive", "--robot", ROBOT_FILE, "--json", "k.json")
     assert code == 0 and "no different from drive_compliance" in out
-    assert json.loads((folder / "k.json").read_text())["channels"] == ["actuator"]
+    checked = json.loads((folder / "k.json").read_text())
+    assert checked["channels"] == ["actuator"]
+    assert checked["parameters"] == {"amplitude": {"unit": "rad_Nm", "shown_in": "urad_Nm"}}
     code, out, _ = run("diagnose", "data.csv", "-m", "m.toml", "--effect", "soft_drive.py:SoftDrive")
     assert code == 0 and "soft_drive" in out.split("Candidates")[0]
     code, out, _ = run("add", "soft_drive.py:SoftDrive", "data.csv", "-m", "m.toml", "-o", "own.toml")
