@@ -94,6 +94,14 @@ def test_parse_quantity_refuses(text):
         units.parse_quantity(text, "length", option="--tool")
 
 
+@pytest.mark.parametrize("dimension", sorted({u.dimension for u in units.UNITS.values()} - {"expansion"}))
+def test_the_example_of_a_refusal_is_accepted(dimension):
+    with pytest.raises(InputError) as caught:
+        units.parse_quantity("28", dimension)
+    example = caught.value.remedy.rpartition("e.g. ")[2]
+    assert units.parse_quantity(example, dimension).shape == (1,)
+
+
 def test_parse_quantity_by_hand():
     np.testing.assert_allclose(units.parse_quantity("0, 0, -300 mm", "length"), [0, 0, -0.3])
     np.testing.assert_allclose(units.parse_quantity("-.5e1deg", "angle"), [-5 * math.pi / 180])
