@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from pcalib import wording
 from pcalib.errors import InputError
 from pcalib.mechanics import kinematics
 from pcalib.model import Model
@@ -134,10 +135,11 @@ class Configuration:
                 f"Level {self.level} has no more than that, so nothing of it is lost here; what else the printer has "
                 "was not looked for."
             )
+        nozzle = wording.size(0.05 * self.tilt)
         return text + (
-            f"Of level {self.level} it loses {self.rms * 1e6:.1f} µm RMS ({self.largest * 1e6:.1f} µm at most, "
-            f"{self.rms_z * 1e6:.1f} µm RMS in height) over the workspace, and a tilt of the plate of up to "
-            f"{self.tilt * 1e6:.0f} µrad, which moves a nozzle 50 mm below the joints by {self.tilt * 5e4:.1f} µm."
+            f"Of level {self.level} it loses {wording.size(self.rms)} RMS ({wording.size(self.largest)} at most, "
+            f"{wording.size(self.rms_z)} RMS in height) over the workspace, and a tilt of the plate of up to "
+            f"{self.tilt * 1e6:.0f} µrad, which moves a nozzle 50 mm below the joints by {nozzle}."
         )
 
     def json(self) -> dict[str, Any]:

@@ -127,12 +127,12 @@ def statistics(fit: Fit) -> dict[str, Any]:
 def headline(fit: Fit) -> str:
     """The outcome in one sentence."""
     a = fit.fit
-    text = f"Level {fit.candidate.level} explains {a.n_rows} poses to {a.rms_pos * 1e6:.1f} µm RMS"
+    text = f"Level {fit.candidate.level} explains {a.n_rows} poses to {wording.size(a.rms_pos)} RMS"
     if np.isfinite(a.chi2_dof):
         ratio = np.sqrt(a.chi2_dof)
         text += " (at the noise)" if ratio < AT_THE_NOISE else f" ({ratio:.1f}× the stated noise)"
     if fit.check:
-        text += f"; {fit.check.n_rows} held-out poses: {fit.check.rms_pos * 1e6:.1f} µm"
+        text += f"; {fit.check.n_rows} held-out poses: {wording.size(fit.check.rms_pos)}"
     return text + "."
 
 

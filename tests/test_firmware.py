@@ -108,6 +108,8 @@ def test_what_is_lost_is_what_separates_the_models():
     assert found.rms == pytest.approx(np.sqrt(np.mean(miss**2))) and found.largest == pytest.approx(miss.max())
     assert found.rms > 1e-5
     assert found.tilt > 1e-3 and "it loses" in found.statement() and "no tilt of the plate" in found.statement()
+    far = replace(found, rms=2.5e-3, largest=4e-3, rms_z=5e-5, tilt=0.03).statement()
+    assert "it loses 2.50 mm RMS (4.00 mm at most, 50.0 µm RMS in height)" in far and "by 1.50 mm." in far
     for name in ("radius", "rod", "angle", "homed"):  # the values are a minimum
         for step in (-2e-5, 2e-5):
             other = replace(found.arms, **{name: getattr(found.arms, name) + step})

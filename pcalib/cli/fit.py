@@ -66,6 +66,7 @@ def command(
     from pcalib.diagnosis import visibility
     from pcalib.fitting import crossvalidation, identification, trust
     from pcalib.model import Model
+    from pcalib.wording import size
 
     described = robots.load(robot)
     measured = measurement.load(data, described)
@@ -103,8 +104,8 @@ def command(
             held = crossvalidation.cross_validate(measured, start, level, folds, tick=advance, **options)
         content["cross_validation"] = held.json()
         write_json(json, content)
-        rods = f"; apparent rod-length errors {held.rms_rod * 1e6:.1f} µm" if held.rms_rod == held.rms_rod else ""
-        say(f"Cross-validated in {folds} folds: {held.rms_pos * 1e6:.1f} µm RMS at poses not fitted{rods}.")
+        rods = f"; apparent rod-length errors {size(held.rms_rod)}" if held.rms_rod == held.rms_rod else ""
+        say(f"Cross-validated in {folds} folds: {size(held.rms_pos)} RMS at poses not fitted{rods}.")
     if output is not None:
         say(f"Model written to {output}.")
     return None
@@ -169,13 +170,14 @@ def _bound(text: str, robot: Robot, level: str) -> tuple[str, tuple[float, float
 def show(found: Fit) -> None:
     """Print a fit: the outcome in a sentence, its figures, what moved most, and what to know."""
     from pcalib import summary
+    from pcalib.wording import size
 
     say(summary.headline(found))
     print()
     show_table(
-        ("", "rows", "RMS µm", "max µm", "RMS µrad", "χ²/dof"),
+        ("", "rows", "RMS", "max", "RMS µrad", "χ²/dof"),
         [
-            (name, a.n_rows, _n(a.rms_pos * 1e6), _n(a.max_pos * 1e6), _n(a.rms_rot * 1e6), _n(a.chi2_dof, 2))
+            (name, a.n_rows, size(a.rms_pos), size(a.max_pos), _n(a.rms_rot * 1e6), _n(a.chi2_dof, 2))
             for name, a in (("fit", found.fit), ("check", found.check))
             if a is not None
         ],

@@ -59,12 +59,11 @@ def command(
     if back_to is None:
         say(f"{len(rows)} step{'s' * (len(rows) != 1)} led to {model}.")
         show_table(
-            ("step", "what", "level", "effects", "data", "RMS µm", "held out µm", "χ²/dof"),
+            ("step", "what", "level", "effects", "data", "RMS", "held out", "χ²/dof"),
             [
                 (
                     r["step"], f"{r['action']} {r['effect']}".strip(), r["level"], ", ".join(r["effects"]) or "–",
-                    r["data"],
-                    _n(r["rms_pos_um"], 1), _n(r["check_rms_pos_um"], 1), _n(r["chi2_dof"], 2),
+                    r["data"], _size(r["rms_pos_um"]), _size(r["check_rms_pos_um"]), _n(r["chi2_dof"], 2),
                 )
                 for r in rows
             ],
@@ -76,6 +75,12 @@ def command(
     modelfile.save(target, replace(restored, history=(*history, entry)))
     say(f"The model as it was after step {back_to} is written to {target}.")
     return None
+
+
+def _size(um) -> str:
+    from pcalib.wording import size
+
+    return size(um * 1e-6) if um is not None else "–"
 
 
 def _n(value, digits: int) -> str:

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from bench.jobs.campaign.store import KEY
 from pcalib.data import table as tables
+from pcalib.wording import size
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +118,7 @@ def read(results: Path) -> Summary:
     return Summary(about, tuple(groups), dict(reasons.most_common()))
 
 
-HEADER = ("method", "tool mm", "robots", "failed", "reached", "RMS µm", "median", "95 % below", "max µm", "worst robot")
+HEADER = ("method", "tool mm", "robots", "failed", "reached", "RMS", "median", "95 % below", "max", "worst robot")
 
 
 def table(summary: Summary) -> tuple[list[str], list[list[str]]]:
@@ -133,7 +134,7 @@ def table(summary: Summary) -> tuple[list[str], list[list[str]]]:
                 str(len(g.rms)),
                 str(g.failed or ""),
                 f"{100 * g.reached:.1f} %" if g.reached < 1 else "all",
-                *(micrometres(v) for v in figures),
+                *(size(v) for v in figures),
                 "–" if g.worst_robot is None else str(g.worst_robot),
             ]
         )
@@ -186,14 +187,6 @@ def tool_text(group: Group) -> str:
     """A tool as tables show it: its length, or all of it where it does not hang straight down."""
     straight = group.tool.startswith("0,0,-") or group.tool == "0,0,0mm"
     return f"{group.tool_length * 1e3:g}" if straight else group.tool.removesuffix("mm")
-
-
-def micrometres(value: float) -> str:
-    """Three digits or so of a length in µm."""
-    um = value * 1e6
-    if not np.isfinite(um):
-        return "–"
-    return f"{um:,.0f}" if um >= 999.5 else f"{um:.3g}" if um < 99.95 else f"{um:.0f}"
 
 
 def short(value: Any) -> str:
