@@ -1,7 +1,7 @@
 """Land a virtual robot by a calibrated model, with its faults in it, and judge where the TCP came to stand.
 
     pcbench verify m.toml data.truth.toml --tool 0,0,-300mm
-    pcbench verify m.toml data.truth.toml --tool 0,0,0mm --tool 0,0,-300mm --max-rms-um 35
+    pcbench verify m.toml data.truth.toml --tool 0,0,0mm --tool 0,0,-300mm --max-rms 35um
     pcbench verify m.toml data.truth.toml --targets targets.csv --method first-order --json verify.json
     pcbench verify m.toml data.truth.toml --payload 2kg --temperature 28degC
 """
@@ -12,10 +12,16 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles
 from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import JsonOption, quantity
+
+
+def _named(name: str) -> Parameter:
+    """A limit by its name, and by the one with a unit in it that it had before."""
+    return Parameter(name=[name, f"{name}-um"])
 
 
 def command(
@@ -30,10 +36,10 @@ def command(
     payload: Annotated[np.ndarray | None, quantity("mass")] = None,
     temperature: Annotated[np.ndarray | None, quantity("temperature")] = None,
     align: bool = False,
-    max_rms_um: float | None = None,
-    max_um: float | None = None,
-    max_ap_um: float | None = None,
-    max_rp_um: float | None = None,
+    max_rms: Annotated[np.ndarray | None, quantity("length"), _named("--max-rms")] = None,
+    max_error: Annotated[np.ndarray | None, quantity("length"), _named("--max")] = None,
+    max_ap: Annotated[np.ndarray | None, quantity("length"), _named("--max-ap")] = None,
+    max_rp: Annotated[np.ndarray | None, quantity("length"), _named("--max-rp")] = None,
     effect_file: EffectFiles = (),
     seed: int = 0,
     json: JsonOption = None,
@@ -55,20 +61,21 @@ def command(
         payload: Mass at the TCP.
         temperature: Of the whole robot; 20degC when absent.
         align: Take out the rigid motion between targets and landings first, for models from an unknown frame.
-        max_rms_um: Largest RMS that is accepted, per tool.
-        max_um: Largest error that is accepted.
-        max_ap_um: Largest AP of a target that is accepted.
-        max_rp_um: Largest RP of a target that is accepted.
+        max_rms: Largest RMS that is accepted, per tool, e.g. 35um.
+        max_error: Largest error that is accepted.
+        max_ap: Largest AP of a target that is accepted.
+        max_rp: Largest RP of a target that is accepted.
         seed: Of approach directions and of the drives' repeatability.
     """
     from bench.jobs import verify, verify_report
     from pcalib.cli import frame
     from pcalib.errors import InputError
 
-    limits = {"rms": max_rms_um, "max": max_um, "ap": max_ap_um, "rp": max_rp_um}
-    for limit in limits.values():
-        if limit is not None and not limit >= 0:
-            raise InputError(f"a limit of {limit} µm cannot hold", remedy="take a number from 0 on")
+    given = {"rms": max_rms, "max": max_error, "ap": max_ap, "rp": max_rp}
+    limits = {name: float(value[0]) for name, value in given.items() if value is not None}
+    for name, limit in limits.items():
+        if limit < 0:
+            raise InputError(f"{name} ≤ {limit * 1e6:g} µm cannot hold", remedy="take a length from 0 on, e.g. 35um")
     if cycles < 1 or seed < 0:
         remedy = "ask for at least one cycle, and a seed from 0 on"
         raise InputError(f"--cycles {cycles} --seed {seed} make no sense", remedy=remedy)

@@ -15,20 +15,37 @@ from pcalib.wording import size
 
 @dataclass(frozen=True)
 class Check:
-    """A limit that was asked for."""
+    """A limit that was asked for, of a length [m] or of a number of commands."""
 
     name: str
     limit: float
     found: float
+    length: bool = True
 
     @property
     def held(self) -> bool:
         """Whether the limit holds; a figure that is not a number holds nothing."""
         return self.found <= self.limit
 
+    def as_json(self) -> dict[str, Any]:
+        """Limit and figure, lengths in µm."""
+        unit, factor = ("um", 1e6) if self.length else ("1", 1)
+        figures = {"limit": self.limit * factor, "found": self.found * factor, "unit": unit}
+        return {"name": self.name, **figures, "held": self.held}
 
-def checks(done: Mapping[str, Verification], limits: Mapping[str, float | None]) -> list[Check]:
-    """The limits that are given, 'rms', 'max', 'ap', 'rp' [µm], over all tools; and that every command landed."""
+    def sentence(self) -> str:
+        """The outcome in one line."""
+        limit, found = (_told(v) if self.length else f"{v:g}" for v in (self.limit, self.found))
+        return f"{self.name} ≤ {limit}: {'holds' if self.held else 'DOES NOT HOLD'}, found {found}"
+
+
+def _told(metres: float) -> str:
+    """A length with one digit more than tables have, so that it can be told from its limit."""
+    return f"{metres * 1e3:.4g} mm" if metres >= 1e-3 else f"{metres * 1e6:.4g} µm"
+
+
+def checks(done: Mapping[str, Verification], limits: Mapping[str, float]) -> list[Check]:
+    """The limits that are given, 'rms', 'max', 'ap', 'rp' [m], over all tools; and that every command landed."""
     figures = [v.accuracy for v in done.values()]
     found = {
         "rms": max(a.rms for a in figures),
@@ -36,8 +53,9 @@ def checks(done: Mapping[str, Verification], limits: Mapping[str, float | None])
         "ap": max(float(np.nanmax(a.ap)) for a in figures),
         "rp": max(float(np.nanmax(a.rp)) for a in figures),
     }
-    asked = [Check(name, limit, found[name] * 1e6) for name, limit in limits.items() if limit is not None]
-    return asked + ([Check("commands not landed", 0, sum(v.not_landed for v in done.values()))] if asked else [])
+    asked = [Check(name, limit, found[name]) for name, limit in limits.items()]
+    lost = sum(v.not_landed for v in done.values())
+    return asked + ([Check("commands not landed", 0, lost, length=False)] if asked else [])
 
 
 def content(done: Mapping[str, Verification], asked: list[Check]) -> dict[str, Any]:
@@ -45,7 +63,7 @@ def content(done: Mapping[str, Verification], asked: list[Check]) -> dict[str, A
     return {
         "schema": "pcbench.verify/1",
         "held": all(check.held for check in asked),
-        "checks": [{"name": c.name, "limit": c.limit, "found": c.found, "held": c.held} for c in asked],
+        "checks": [check.as_json() for check in asked],
         "tools": [
             {
                 "tool": label,
@@ -84,5 +102,4 @@ def show(model: str, done: Mapping[str, Verification], asked: list[Check]) -> No
             why = ", ".join(f"{count}× {word}" for word, count in zip(words, counts, strict=True))
             frame.say(f"- {label}: {v.failed} of {len(v.task.position)} targets not reached in every cycle ({why}).")
     for check in asked:
-        verdict = "holds" if check.held else "DOES NOT HOLD"
-        frame.say(f"- {check.name} ≤ {check.limit:g}: {verdict}, found {check.found:.4g}")
+        frame.say(f"- {check.sentence()}")

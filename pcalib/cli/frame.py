@@ -159,7 +159,8 @@ def fail(message: str) -> int:
 def quantity(dimension: str, size: int = 1) -> Parameter:
     """An option that carries its unit, as in ``--tool 0,0,-300mm``; the command gets an array (size,) in SI.
 
-    Used as ``tool: Annotated[np.ndarray | None, quantity("length", 3)] = None``.
+    Used as ``tool: Annotated[np.ndarray | None, quantity("length", 3)] = None``. An option whose own name ends with a
+    unit, ``--max-rms-um 5``, may leave it out of its value.
     """
 
     def convert(_: type, tokens: Sequence[Any]) -> Any:
@@ -167,6 +168,9 @@ def quantity(dimension: str, size: int = 1) -> Parameter:
         from pcalib.errors import InputError
 
         option, text = tokens[0].keyword or "value", tokens[0].value
+        named = units.split(option.replace("-", "_"))[1]
+        if named is not None and text[-1:].isdigit():
+            text += named.suffix
         values = units.parse_quantity(text, dimension, option=option)
         if len(values) != size:
             raise InputError(f"{option} '{text}' needs {size} number{'s' * (size > 1)}, not {len(values)}")

@@ -60,10 +60,10 @@ def test_verify_agrees_with_the_demo(run, capsys, tmp_path):
     folder, found = run
     out = tmp_path / "v.json"
     arguments = [str(folder / "complete.toml"), str(folder / "data.truth.toml"), "--tool", "0,0,-300mm"]
-    assert cli.main(["verify", *arguments, "--max-rms-um", "35", "--json", str(out)]) == 0
+    assert cli.main(["verify", *arguments, "--max-rms", "35um", "--json", str(out)]) == 0
     complete = next(s for s in found["steps"] if s["name"] == "complete")
     assert json.loads(out.read_text())["tools"][0]["rms_um"] == pytest.approx(complete["rms_um"][1], rel=0.4)
-    assert cli.main(["verify", str(folder / "model24.toml"), *arguments[1:], "--max-rms-um", "35"]) == 1
+    assert cli.main(["verify", str(folder / "model24.toml"), *arguments[1:], "--max-rms", "35um"]) == 1
 
 
 def test_the_same_seed_gives_the_same_and_another_another(delta):

@@ -144,16 +144,21 @@ def test_command_figures_and_exit_codes(files, tmp_path, capsys):
     assert 10 < tool["rms_um"] < 500 and tool["rp_max_um"] == 0
     assert "1× outside_workspace" in text and text.startswith("By model m.toml the TCP lands within")
     rms = tool["rms_um"]
-    assert cli.main(["verify", *files, *targets, "--max-rms-um", str(1.01 * rms)]) == 0
-    assert cli.main(["verify", *files, *targets, "--max-rms-um", str(0.99 * rms), "--json", str(out)]) == 1
-    assert "DOES NOT HOLD" in capsys.readouterr().out
-    assert [(c["name"], c["held"]) for c in json.loads(out.read_text())["checks"]] == [
-        ("rms", False), ("commands not landed", True)
+    assert cli.main(["verify", *files, *targets, "--max-rms", f"{1.01 * rms}um", "--max", "1.5mm"]) == 0
+    said = capsys.readouterr().out
+    assert f"- rms ≤ {1.01 * rms:.4g} µm: holds, found {rms:.4g} µm\n- max ≤ 1.5 mm: holds, found " in said
+    assert cli.main(["verify", *files, *targets, "--max-rms", f"{0.99 * rms}um", "--json", str(out)]) == 1
+    assert "µm: DOES NOT HOLD, found" in capsys.readouterr().out
+    checks = json.loads(out.read_text())["checks"]
+    assert [(c["name"], c["unit"], c["held"]) for c in checks] == [
+        ("rms", "um", False), ("commands not landed", "1", True)
     ]  # fmt: skip
+    assert checks[0]["limit"] == pytest.approx(0.99 * rms) and checks[0]["found"] == pytest.approx(rms)
+    assert cli.main(["verify", *files, *targets, "--max-rms-um", str(0.99 * rms)]) == 1  # its former name
 
 
 def test_command_on_the_grid_with_several_tools(files, capsys):
-    assert cli.main(["verify", *files, "--tool", "0,0,0mm", "--tool", "0,0,-100mm", "--max-rp-um", "0"]) == 0
+    assert cli.main(["verify", *files, "--tool", "0,0,0mm", "--tool", "0,0,-100mm", "--max-rp", "0um"]) == 0
     out = capsys.readouterr().out
     assert "tool 0 mm" in out and "tool 100 mm" in out and "one stands for all" in out
 
@@ -168,7 +173,8 @@ def test_bad_input_is_one_message(files, tmp_path, capsys):
         ([*files, "--tool", "300mm"], "needs 3 numbers"),
         ([*files, "--method", "guess"], "unknown method 'guess'"),
         ([*files, "--payload", "-1kg"], "cannot be negative"),
-        ([*files, "--max-um", "nan"], "nan µm cannot hold"),
+        ([*files, "--max", "-5um"], "max ≤ -5 µm cannot hold"),
+        ([*files, "--max", "5"], "no unit"),
         ([*files, "--json", "/no/such/folder/v.json"], "no such folder"),
         ([*files, "--targets", str(with_tool), "--tool", "0,0,-1mm"], "keep one"),
         ([*files, "--targets", str(with_tool), "--payload", "1kg"], "keep one"),
