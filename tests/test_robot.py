@@ -22,7 +22,7 @@ def test_the_default_is_a_flexpicker_in_si():
     np.testing.assert_array_equal(delta.gravity, [0, 0, -9.81])
     mechanism = delta.mechanism
     assert len(mechanism.parameters) == 60 and mechanism.rods == ("11", "12", "21", "22", "31", "32")
-    # By the contract: p_i = R_base·(−sin θ, cos θ, 0), θ = 60°, and a_11 = (−w/2, L, 0).
+    # By docs/robots.md: p_i = R_base·(−sin θ, cos θ, 0), θ = 60°, and a_11 = (−w/2, L, 0).
     p1 = mechanism.nominal[[mechanism.index(f"p1.{c}") for c in "xyz"]]
     np.testing.assert_allclose(p1, [-0.2 * np.sqrt(3) / 2, 0.1, 0], atol=1e-15)
     a11 = mechanism.nominal[[mechanism.index(f"a11.{c}") for c in "xyz"]]

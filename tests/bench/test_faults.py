@@ -88,7 +88,7 @@ E0 = turned(points("beta", "123")) @ about([0, 0, 1], np.radians([60, 180, 300])
 
 @dataclass(frozen=True)
 class Delta:
-    """The Delta for the N commands, by the words of the conventions; what deviates is added. All in SI."""
+    """The Delta for the N commands, by the words of docs/robots.md; what deviates is added. All in SI."""
 
     q: np.ndarray
     p: np.ndarray

@@ -268,7 +268,7 @@ def test_turning_the_robot_by_120_degrees_renames_its_arms(delta, perturb, q):
 
 
 def test_rod_lengths_at_the_pose_found(delta, perturb, q):
-    """The closure in the words of the conventions, with nothing of the solver in it."""
+    """The closure in the words of docs/robots.md, with nothing of the solver in it."""
     mechanism, k = delta.mechanism, perturb(8, 1.0, 0.3)
     value = dict(zip(mechanism.parameters, k, strict=True))
     pose = kinematics.forward(mechanism, k, q).pose
