@@ -1,6 +1,7 @@
 """Where the time of a campaign goes: inside MuJoCo, inside LAPACK, and in between; and how much memory it takes.
 
-    python -m bench.jobs.campaign.profile bench/specs/thousand.toml --robots 100
+    scripts/campaign_profile
+    scripts/campaign_profile bench/specs/quick.toml --robots 20
 
 The functions that enter MuJoCo and LAPACK are wrapped with clocks: a profiler that traces every call would make
 Python look slower than it is.
@@ -8,16 +9,21 @@ Python look slower than it is.
 
 from __future__ import annotations
 
-import os
 import resource
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 from cyclopts import App, Parameter
 
+from pcalib.cli import frame
+from pcalib.errors import InputError
+
+SPEC = Path(__file__).parents[2] / "specs" / "thousand.toml"
+QUICK = 10
 MUJOCO = "MuJoCo"
 LAPACK = "LAPACK"
 
@@ -74,12 +80,20 @@ def memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def command(spec: Path, /, *, robots: Annotated[int, Parameter(help="How many to run.")] = 100) -> None:
-    """Where the time of a campaign goes, on one core."""
+def command(spec: Path = SPEC, /, *, robots: int = 100, quick: bool = False) -> None:
+    """Where the time of a campaign goes, on one core.
+
+    Args:
+        spec: Campaign file (TOML).
+        robots: How many to run.
+        quick: 10 robots, to see that everything runs.
+    """
     from bench.jobs.campaign import spec as specs
     from bench.jobs.campaign import workers
-    from pcalib.cli import frame
 
+    if robots < 1:
+        raise InputError(f"--robots {robots} take no time", remedy="ask for one at least")
+    robots = QUICK if quick else robots
     campaign = specs.load(spec)
     robots = min(robots, campaign.n_trials)
     workers.rows(campaign, range(min(5, robots)))  # compiles the model, makes the plan
@@ -104,8 +118,15 @@ def command(spec: Path, /, *, robots: Annotated[int, Parameter(help="How many to
     frame.say(f"memory: {first:.0f} MiB after 5 robots, {memory():.0f} MiB after {robots}")
 
 
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    program = App(
+        name="campaign_profile", help_format="plaintext", version_flags=[], result_action="return_value",
+        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
+    )  # fmt: skip
+    program.default(command)
+    return frame.run(program, argv)
+
+
 if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    app = App(name="profile", help_format="plaintext", default_parameter=Parameter(negative=()))
-    app.default(command)
-    app()
+    sys.exit(main())

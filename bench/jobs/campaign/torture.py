@@ -1,6 +1,6 @@
 """A campaign that is killed again and again, and must end with the same bytes as one that was not.
 
-    python -m bench.jobs.campaign.torture --kills 20
+    scripts/campaign_torture --kills 20
 
 Each time the whole process group, or the main process alone, gets SIGKILL at a random moment: while workers start,
 while robots are at work, while parts are written, while the results are put together.
@@ -17,9 +17,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from cyclopts import App, Parameter
+
+from pcalib.cli import frame
 
 SPEC = """
 name = "torture"
@@ -110,7 +113,15 @@ def _digest(folder: Path) -> str:
     return hashlib.sha256((folder / "results.parquet").read_bytes()).hexdigest()
 
 
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    program = App(
+        name="campaign_torture", help_format="plaintext", version_flags=[], result_action="return_value",
+        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
+    )  # fmt: skip
+    program.default(command)
+    return frame.run(program, argv)
+
+
 if __name__ == "__main__":
-    app = App(name="campaign_torture", help_format="plaintext", default_parameter=Parameter(negative=()))
-    app.default(command)
-    sys.exit(app())
+    sys.exit(main())
