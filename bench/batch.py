@@ -2,7 +2,7 @@
 
     many = BatchMachine(robot)                  # compiled once
     many.become(k)                              # true geometry, written in place (0.2 ms)
-    landing = many.land(q, tool, near=(x, R))   # about 20 µs per pose, where Machine takes 70
+    landing = many.land(q, tool, near=(x, R))   # several times faster than Machine: docs/scale.md
 
 It is for rigid robots whose kind has the variant 'tendons'. MuJoCo evaluates a whole batch of poses per call; its
 tendon lengths are the residual of the loops (what `efc_pos` of an equality of a tendon holds) and its tendon
