@@ -60,10 +60,10 @@ def descend(R: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 
 def within(R: np.ndarray, step: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The least-squares step within bounds, from the triangular factor and the free step."""
+    """The least-squares step within bounds, from the triangular factor and the free step; `low` ≤ 0 ≤ `high`."""
     from scipy.optimize import lsq_linear
 
-    tiny = 1e-300  # lsq_linear wants low < high; a start on a bound stays there
+    tiny = 1e-300  # lsq_linear wants low < high; a start on a bound may be a rounding outside
     return lsq_linear(R, R @ step, bounds=(np.minimum(low, -tiny), np.maximum(high, tiny)), method="bvls").x
 
 

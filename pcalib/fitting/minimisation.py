@@ -70,7 +70,7 @@ def minimise(
     """Minimise the cost over the chosen unknowns, each in units of its natural size.
 
     Args:
-        chosen: indices into `unknowns`; the others stay where the model has them.
+        chosen: indices into `unknowns`; the others stay where the model has them, or at the nearest bound.
         at: residuals of the model on the data.
         prior_scale: common factor on the priors of geometry; estimated (≥ 1) when absent.
         max_iterations: 1 takes one full step and asks no questions.
@@ -124,6 +124,10 @@ def minimise(
         slope = (linear.residual * weight[linear.row]) @ linear.jacobian
         return clipped(least_squares.descend(R, slope[chosen] * scale - u / widened() ** 2), R)
 
+    if unknowns.bounded:
+        here = current(model, unknowns)
+        model = apply(model, unknowns, np.clip(here, unknowns.lower, unknowns.upper) - here)
+        at = residuals(model, data, at[1].pose)
     u, weight = position(model), robust_weights(at[0], data, loss)
     linear = linearise(model, data, unknowns, at)
     rows = triangle()

@@ -306,6 +306,16 @@ def test_fixed_bounded_and_prior_overrides(truth, measure):
         identification.fit(data, truth.robot, prior={"mm": 1.0})
 
 
+@pytest.mark.parametrize("method", ["map", "base"])
+@pytest.mark.parametrize("low", [2e-4, -5e-4])
+def test_a_start_outside_its_bounds_moves_to_the_nearest(truth, measure, low, method):
+    bounds = (low, low + 3e-4)
+    assert not bounds[0] <= 0 <= bounds[1]
+    found = identification.fit(measure(truth, 60), truth.robot, bounds={"l11": bounds}, method=method).candidate
+    change = found.errors[truth.robot.mechanism.index("l11")]
+    assert bounds[0] - 1e-12 < change < bounds[1] + 1e-12
+
+
 def test_a_fit_starts_from_a_model(truth, measure):
     """A start at the answer is an answer at once, and fixed parameters keep the start's values."""
     data, mechanism = measure(truth, 60), truth.robot.mechanism
