@@ -81,6 +81,8 @@ def unknowns_of(
     for name in [*fixed, *bounds, *(p for p in prior if p not in PRIOR)]:
         if name not in chosen.columns:
             raise InputError(unknown(f"parameter of level {level}", name, chosen.columns))
+    if both := sorted(fixed & set(bounds)):
+        raise InputError(f"{', '.join(both)}: both fixed and bounded", remedy="name each in one of --fix and --bound")
     keep = np.array([c not in fixed for c in chosen.columns], bool)
     names = [c for c in chosen.columns if c not in fixed]
     sizes = [

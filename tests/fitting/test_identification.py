@@ -302,6 +302,8 @@ def test_fixed_bounded_and_prior_overrides(truth, measure):
         identification.fit(data, truth.robot, fixed=["l99"])
     with pytest.raises(InputError, match="unknown parameter of level complete 'l1'"):
         identification.fit(data, truth.robot, bounds={"l1": (0, 1)})
+    with pytest.raises(InputError, match=r"l11: both fixed and bounded\n.*--fix"):
+        identification.fit(data, truth.robot, fixed=["l11"], bounds={"l11": (0, 1)})
     with pytest.raises(InputError, match="unknown parameter of level complete 'mm'"):
         identification.fit(data, truth.robot, prior={"mm": 1.0})
 
