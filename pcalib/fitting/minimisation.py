@@ -78,8 +78,9 @@ def minimise(
     scale = unknowns.scale[chosen]
     prior = unknowns.prior[chosen] / scale
     held = np.isfinite(prior)
-    geometric = np.flatnonzero((chosen < unknowns.n_geometry) & held)
-    effects = np.flatnonzero((chosen >= unknowns.n_geometry) & held)[: unknowns.n_effects]
+    g, e = unknowns.n_geometry, unknowns.n_effects
+    geometric = np.flatnonzero((chosen < g) & held)
+    effects = np.flatnonzero((chosen >= g) & (chosen < g + e) & held)  # beside them the target has a prior of its own
     low, high = unknowns.lower[chosen] / scale, unknowns.upper[chosen] / scale
     rounding = float(np.sum((ROUNDING / data.sigma[data.mask]) ** 2))
     tau, width = prior_scale or 1.0, prior[effects]
@@ -116,7 +117,7 @@ def minimise(
         full = np.zeros(len(unknowns.names))
         full[chosen] = step * scale
         moved = apply(model, unknowns, full)
-        start = ahead(model, at[1], linear.motion @ full[: unknowns.n_geometry])
+        start = ahead(model, at[1], linear.motion @ full[:g])
         return moved, residuals(moved, data, start)
 
     def left_to_go(R: np.ndarray) -> np.ndarray:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pcalib import effects
-from pcalib.fitting import identification
-from pcalib.model import FittedEffect, Model
+from pcalib.fitting import identification, minimisation
+from pcalib.model import FittedEffect, Frame, Model
 
 
 @pytest.mark.parametrize("compliance", [1e-4, 2e-4, 4e-4])
@@ -36,3 +36,21 @@ def test_an_effect_far_larger_than_usual_is_not_shrunk(delta, perturb, measure):
         off.append((fitted.theta[0] - 3e-4) / fitted.sigma[0])
     assert abs(np.mean(off)) < 3 / np.sqrt(len(off))
     assert 0.4 < np.std(off) < 1.7
+
+
+def test_the_prior_of_the_targets_place_is_not_widened_as_an_effects(delta, perturb, measure, monkeypatch):
+    """Only effects are given more room; without priors on them there is none to widen, though the target has one."""
+    widened = []
+
+    def widths(u, variance, width, least):
+        widened.append(len(u))
+        return width
+
+    monkeypatch.setattr(minimisation, "_widths", widths)
+    ratio = FittedEffect(effects.get("gear_ratio", "arm", delta), np.zeros(3))
+    frame = Frame(np.eye(3), np.array([1.0, 2.0, 0.5]), np.array([0.0, 0.0, -0.04]))
+    data = measure(replace(Model.nominal(delta), k=perturb(3), frame=frame), 60)
+    for method, sizes in (("base", set()), ("map", {3})):
+        widened.clear()
+        identification.fit(data, delta, method=method, effects=[ratio])
+        assert set(widened) == sizes
