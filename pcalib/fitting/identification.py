@@ -247,11 +247,12 @@ def _verdict(
             "spread the poses over the workspace ('pcalib plan'), or fit a simpler level",
         )
     if not state.converged:
+        jumps = "; effects that go by the sign of a load jump with it: try without" if state.model.effects else ""
         return (
             "not_converged",
             f"no minimum after {state.iterations} iterations",
             "the data may belong to another robot, rows to other commands, or columns or units may be mixed up: "
-            "'pcalib inspect' with --robot names them",
+            f"'pcalib inspect' with --robot names them{jumps}",
         )
     if unknowns.level.strict and ident.n_identified < unknowns.n_geometry:
         unseen = [axis for c, axis in enumerate("xyz") if c not in state.linear.component]

@@ -23,8 +23,10 @@ _NOTHING = 1e-5
 ROUNDING = 1e-13
 """[m, rad] what forward kinematics leaves open in a reading: no step is rejected for it."""
 NEGLIGIBLE = 1e-3
-"""Gain of a step in χ², in units of χ²/M, that no noise would let anyone see; three such steps in a row are the end.
-Where a model misses something, Gauss–Newton creeps on along directions that the data hardly know."""
+"""Gain of a step in χ², in units of χ²/M, that no noise would let anyone see."""
+_IDLE = 3
+"""So many such steps in a row are the end. Where a model misses something, Gauss–Newton creeps on along directions
+that the data hardly know; damped steps are short by themselves and prove nothing."""
 _MANY = 20
 """Directions that the data know better than the drawing does, from which on their median says what is usual."""
 _SCALES = np.geomspace(1.0, 100.0, 60)
@@ -47,7 +49,7 @@ class State:
     error: np.ndarray
     """(N, 6) measured − predicted [m, rad]."""
     R: np.ndarray
-    """Triangular factor of the information in scaled unknowns."""
+    """Triangular factor of the information in scaled unknowns, without damping."""
     linear: Linearisation
     """Where the last step began, and what R is made of."""
     weight: np.ndarray
@@ -148,9 +150,12 @@ def minimise(
             break
         here, there = cost(u, at), cost(position(trial), tried)
         if not there <= here + rounding + 2 * np.sqrt(here * rounding):
+            if damping and idle >= _IDLE:
+                break  # no step leads on, and yet the slope does not vanish: χ² jumps here, as by the sign of a load
             damping = max(100 * damping, _LEAST_DAMPING)
             continue
-        idle = idle + 1 if here - there < NEGLIGIBLE * max(1.0, here / data.mask.sum()) else 0
+        negligible = NEGLIGIBLE * max(1.0, here / data.mask.sum())
+        idle = idle + 1 if here - there < negligible else 0
         model, at, u = trial, tried, position(trial)
         earlier = weight, width
         weight = robust_weights(at[0], data, loss)
@@ -159,9 +164,12 @@ def minimise(
         moved = np.abs(width / earlier[1] - 1).max(initial=0.0)
         steady = np.abs(weight - earlier[0]).max() < 1e-3 and moved < _STEADY
         linear = linearise(model, data, unknowns, at)
+        if damping:  # what is left to go is asked without it
+            R = least_squares.solve(rows, -u, widened())[1]
         left = left_to_go(R)
-        near = np.abs(left).max(initial=0.0) < TOLERANCE or float(np.sum((R @ left) ** 2)) < _NOTHING
-        converged = bool(steady and (idle >= 3 or (near and not damping)))
+        gain = float(np.sum((R @ left) ** 2))
+        near = np.abs(left).max(initial=0.0) < TOLERANCE or gain < _NOTHING
+        converged = bool(steady and (near or (idle >= _IDLE and (not damping or gain < negligible))))
         if converged:
             trial, tried = after(left)  # known already, and worth more digits than it costs
             if cost(position(trial), tried) <= cost(u, at):
@@ -169,6 +177,8 @@ def minimise(
             break
         damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
         rows = triangle()
+    if damping:
+        R = least_squares.solve(rows, -u, widened())[1]  # what the data say, not how the search went
     return State(model, at[0], R, begun, weight, tau, count, converged)
 
 

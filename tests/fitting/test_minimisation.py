@@ -7,6 +7,8 @@ import pytest
 
 from pcalib import effects
 from pcalib.fitting import identification, minimisation
+from pcalib.fitting.linearisation import residuals
+from pcalib.fitting.unknowns import unknowns_of
 from pcalib.model import FittedEffect, Frame, Model
 
 
@@ -54,3 +56,33 @@ def test_the_prior_of_the_targets_place_is_not_widened_as_an_effects(delta, pert
         widened.clear()
         identification.fit(data, delta, method=method, effects=[ratio])
         assert set(widened) == sizes
+
+
+@pytest.fixture(scope="module")
+def beside_a_cliff(delta, perturb, measure):
+    """Data of a large ripple, and effects that would take it up by the signs of loads: χ² jumps where one changes."""
+    ripple = FittedEffect(effects.get("gear_ripple", None, delta), np.array([1e-2, 0.0]))
+    tools = np.array([[0, 0, 0], [0.06, 0, -0.2]])
+    data = measure(replace(Model.nominal(delta), k=perturb(2), effects=(ripple,)), 120, 2, tools=tools)
+    return data, [FittedEffect(effects.get(name, None, delta), np.zeros(1)) for name in ("joint_clearance", "backlash")]
+
+
+def test_steps_that_only_damping_keeps_short_are_no_minimum(delta, beside_a_cliff):
+    data, signs = beside_a_cliff
+    found = identification.fit(data, delta, effects=signs)
+    assert found.status == "not_converged" and found.iterations < 60
+    assert "sign of a load" in found.remedy
+
+
+@pytest.mark.parametrize("most", [8, 12, 60])
+def test_damping_is_no_information(delta, beside_a_cliff, most):
+    """RᵀR − JᵀJ is what the priors say and no more."""
+    data, signs = beside_a_cliff
+    start = replace(Model.nominal(delta), level="complete", effects=tuple(signs))
+    unknowns = unknowns_of(start, "complete", signs)
+    chosen = np.arange(len(unknowns.names))
+    state = minimisation.minimise(start, data, unknowns, chosen, residuals(start, data), max_iterations=most)
+    J = state.linear.triangle[:, :-1] * unknowns.scale
+    said = np.diag(state.R.T @ state.R) - np.sum(J**2, axis=0)
+    most_said = (unknowns.scale / unknowns.prior) ** 2
+    assert (said < 1.01 * most_said + 1e-9 * np.sum(J**2, axis=0)).all()
