@@ -88,7 +88,7 @@ def exact(
             found.status, found.iterations, found.residual,
         )  # fmt: skip
         at = prediction.situation(model, usable.q, usable.pose, conditions, total.deviation)
-        total = prediction.contributions(model, at)
+        total = prediction.contributions(model, at, found.ok)
         tool = conditions.tool + (0.0 if total.tool is None else total.tool)
         goal, turn = position, rotation_matrix
         if total.base is not None:
@@ -146,7 +146,7 @@ def _first_order_chunk(
         usable = np.asarray(np.isfinite(q).all(axis=1))
         df = np.where(usable[:, None], df, np.nan)
         there = prediction.situation(replace(model, k=nominal), np.nan_to_num(q), pose, conditions, kinematics.RIGID)
-        total = prediction.contributions(model, there)
+        total = prediction.contributions(model, there, usable)
         df = df + prediction.closure_change(mechanism, at, pose, total)
         extra = prediction.outer_twist(pose, conditions.tool, total)
     JX = kinematics.jacobian_state(mechanism, at, pose)

@@ -88,8 +88,14 @@ def situation(model: Model, q: np.ndarray, pose: Pose, conditions: Conditions, d
     )  # fmt: skip
 
 
-def contributions(model: Model, at: Situation) -> Contribution:
-    """The sum of all effects of a model."""
+def contributions(model: Model, at: Situation, solved: np.ndarray | None = None) -> Contribution:
+    """The sum of all effects of a model.
+
+    Args:
+        solved: (N,) bool, rows that have a pose; effects are not asked about the others, to which nothing is added.
+    """
+    if solved is not None and not solved.all():
+        return contributions(model, at.take(solved)).spread(solved) if solved.any() else Contribution()
     total = Contribution()
     for fitted in model.effects:
         total = total + fitted.effect.contribution(at, fitted.theta)
@@ -107,7 +113,7 @@ def settle(
     total, at, previous = Contribution(), None, None
     for _ in range(rounds):
         at = situation(model, q, solution.pose, conditions, total.deviation)
-        total = contributions(model, at)
+        total = contributions(model, at, solution.ok)
         solution = kinematics.forward(mechanism, model.k, q, solution.pose, total.deviation)
         if previous is not None:
             moved = np.abs(solution.pose.x - previous.x).max(initial=0.0)

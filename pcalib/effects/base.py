@@ -160,6 +160,15 @@ class Contribution:
             **{f.name: None if (a := getattr(self, f.name)) is None else factor * a for f in fields(self)}
         )
 
+    def spread(self, rows: np.ndarray) -> Contribution:
+        """This contribution on some rows, (N,) bool, of more: nothing on the others."""
+        out = {}
+        for name in self.channels:
+            part = getattr(self, name)
+            out[name] = np.zeros((len(rows), *part.shape[1:]))
+            out[name][rows] = part
+        return Contribution(**out)
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that are not None."""

@@ -106,12 +106,18 @@ def _limited(step: np.ndarray, largest: float = 0.5) -> np.ndarray:
     return np.where(size > largest, step * (largest / np.maximum(size, largest)), step)
 
 
+def _regular(A: np.ndarray) -> np.ndarray:
+    """(N,) bool: not exactly singular. A pose that does not exist, and so has no numbers, is nobody's warning."""
+    with np.errstate(invalid="ignore"):
+        return np.linalg.det(A) != 0
+
+
 def solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """A⁻¹·b for A (N, n, n) and b (N, n); NaN at the poses whose A is singular."""
     try:
         return np.linalg.solve(A, b[..., None])[..., 0]
     except np.linalg.LinAlgError:
-        regular = np.linalg.det(A) != 0
+        regular = _regular(A)
         out = np.full(b.shape, np.nan)
         out[regular] = np.linalg.solve(A[regular], b[regular][..., None])[..., 0]
         return out
@@ -122,7 +128,7 @@ def invert(A: np.ndarray) -> np.ndarray:
     try:
         out = np.linalg.inv(A)
     except np.linalg.LinAlgError:
-        regular = np.linalg.det(A) != 0
+        regular = _regular(A)
         out = np.full(A.shape, np.nan)
         out[regular] = np.linalg.inv(A[regular])
     size = np.abs(out)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pcalib import effects
+from pcalib import compensation, effects, prediction
 from pcalib import robot as robots
 from pcalib.effects import user
 from pcalib.errors import EffectError
+from pcalib.model import FittedEffect, Model
+from pcalib.prediction import Conditions
 
 ROBOT = robots.load(Path(__file__).parents[2] / "models" / "delta.toml")
 HEAD = "import numpy as np\nfrom pcalib.effects import Contribution, EffectParameter\n"
@@ -168,3 +171,23 @@ def test_files(tmp_path):
     )
     with pytest.raises(EffectError, match=r"broken.py:5: A raised ValueError: no"):
         effects.parse(f"{file}:A")
+
+
+@pytest.mark.parametrize("method", compensation.METHODS)
+def test_is_not_asked_about_poses_that_do_not_exist(tmp_path, method):
+    """Where there is no pose there are no loads; the other rows are as if these were not there."""
+    soft = effects.parse(write(tmp_path, "return Contribution(actuator=theta[0] * at.torque)"), ROBOT)
+    model = replace(Model.nominal(ROBOT), effects=(FittedEffect(soft, np.array([5e-5])),))
+    good = np.array([[0, 0, -0.8], [0.1, -0.05, -0.75]])
+    far = np.array([[1.35, 0, 0], [np.nan, 0, -0.8], [0, 0, -5.0]])
+    alone = compensation.compensate(model, good, method=method)
+    beside = compensation.compensate(model, np.vstack([far, good]), method=method, limits=False)
+    assert beside.status.tolist() == ["unreachable"] * 3 + ["ok"] * 2
+    np.testing.assert_allclose(beside.q[3:], alone.q, atol=1e-13)
+    assert set(compensation.compensate(model, far, method=method, limits=False).status) == {"unreachable"}
+    q = np.vstack([[[np.nan, 0, 0], [2.5, -2.5, 0.5]], alone.q])
+    there = prediction.predict(model, q, Conditions.of(4))
+    assert there.status[0] == "not_converged" and (there.status[2:] == "ok").all()
+    np.testing.assert_allclose(
+        there.position[2:], prediction.predict(model, alone.q, Conditions.of(2)).position, atol=1e-13
+    )
