@@ -21,8 +21,6 @@ from pcalib.model import Model
 from pcalib.prediction import Conditions
 
 METHODS = ("exact", "first-order")
-_ROUNDS = 10
-_SETTLED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,8 @@ class Commands:
     q: np.ndarray
     """(N, nq) [rad or m]; NaN where the status is not 'ok'."""
     status: np.ndarray
-    """(N,) 'ok', 'outside_workspace', 'outside_joint_range', 'unreachable'."""
+    """(N,) 'ok', 'outside_workspace', 'outside_joint_range', 'unreachable', or 'not_converged' where the loads at the
+    target and the command do not settle."""
 
 
 def compensate(
@@ -63,6 +62,7 @@ def compensate(
     solve = exact if method == "exact" else first_order
     found = solve(model, position, conditions, rotation_matrix)
     status = np.where(found.ok, "ok", "unreachable").astype("<U20")
+    status[found.unsettled] = "not_converged"
     if limits:
         robot = model.robot
         inside = (found.q >= robot.joint_min - 1e-9) & (found.q <= robot.joint_max + 1e-9)
@@ -81,8 +81,8 @@ def exact(
     if not model.effects:
         return kinematics.inverse(mechanism, model.k, position, rotation_matrix, conditions.tool)
     found = kinematics.inverse(mechanism, model.k, position, rotation_matrix, conditions.tool)
-    total = Contribution()
-    for _ in range(_ROUNDS):
+    total, moved = Contribution(), np.zeros(len(position))
+    for _ in range(prediction.ROUNDS):
         usable = Solution(
             np.nan_to_num(found.q), Pose(np.nan_to_num(found.pose.x), found.pose.R, found.pose.phi),
             found.status, found.iterations, found.residual,
@@ -100,9 +100,10 @@ def exact(
             mechanism, model.k, goal, turn, tool, start=None if total.base is not None else usable,
             deviation=total.deviation,
         )  # fmt: skip
-        if not np.nanmax(np.abs(found.q - previous), initial=0.0) > _SETTLED:
-            break
-    return found
+        moved = np.abs(found.q - previous).max(axis=1)
+        if not (moved > prediction.FIXED_POINT).any():
+            return found
+    return found.settling(moved, prediction.FIXED_POINT)
 
 
 def first_order(

@@ -56,11 +56,19 @@ class Prediction:
     """(N, 3) [m] measured point in the plate frame, target offset and tool effects included."""
     contribution: Contribution
     status: np.ndarray
-    """(N,) 'ok' or why not."""
+    """(N,) 'ok' or why not; 'not_converged' also where loads and pose do not settle."""
     situation: Situation | None = None
     """None where the model has no effects."""
     at: Closure | None = None
     """The closure about the plate's origin, where kinematics left it."""
+    unsettled: np.ndarray | None = None
+    """(N,) bool: loops that close while loads and pose do not settle; None where all do."""
+
+    @property
+    def reached(self) -> np.ndarray:
+        """(N,) bool: the loops close there."""
+        ok = self.status == "ok"
+        return ok if self.unsettled is None else ok | self.unsettled
 
     @property
     def deviation(self) -> Deviation:
@@ -69,7 +77,10 @@ class Prediction:
 
 
 FIXED_POINT = 1e-11
-"""[m, rad] plate poses that move less than this between two rounds of loads are settled."""
+"""[m, rad] poses that move less than this between two rounds of loads are settled."""
+ROUNDS = 20
+"""Of loads, then of kinematics. Compliances settle in three to six; what still moves goes round in circles: a gap that
+the load pushes shut from either side, and a rod that hangs between."""
 
 
 def situation(model: Model, q: np.ndarray, pose: Pose, conditions: Conditions, deviation: Deviation) -> Situation:
@@ -103,24 +114,30 @@ def contributions(model: Model, at: Situation, solved: np.ndarray | None = None)
 
 
 def settle(
-    model: Model, q: np.ndarray, conditions: Conditions, start: Pose | None = None, rounds: int = 8
+    model: Model, q: np.ndarray, conditions: Conditions, start: Pose | None = None, rounds: int = ROUNDS
 ) -> tuple[kinematics.Solution, Contribution, Situation | None]:
-    """Plate poses with all effects acting, by alternating kinematics and effects."""
+    """Plate poses with all effects acting, by alternating kinematics and effects; not converged where these do not
+    settle."""
     mechanism = model.robot.mechanism
     solution = kinematics.forward(mechanism, model.k, q, start)
     if not model.effects:
         return solution, Contribution(), None
-    total, at, previous = Contribution(), None, None
+    total, at, moved = Contribution(), None, np.zeros(len(q))
     for _ in range(rounds):
-        at = situation(model, q, solution.pose, conditions, total.deviation)
-        total = contributions(model, at, solution.ok)
-        solution = kinematics.forward(mechanism, model.k, q, solution.pose, total.deviation)
-        if previous is not None:
-            moved = np.abs(solution.pose.x - previous.x).max(initial=0.0)
-            if not moved > FIXED_POINT:
-                break
-        previous = solution.pose
-    return solution, total, at
+        before = solution
+        at = situation(model, q, before.pose, conditions, total.deviation)
+        total = contributions(model, at, before.ok)
+        solution = kinematics.forward(mechanism, model.k, q, before.pose, total.deviation)
+        moved = _change(before.pose, solution.pose)
+        if not (moved > FIXED_POINT).any():
+            return solution, total, at
+    return solution.settling(moved, FIXED_POINT), total, at
+
+
+def _change(a: Pose, b: Pose) -> np.ndarray:
+    """(N,) [m, rad] the largest change of any coordinate."""
+    parts = (np.abs(getattr(a, name) - getattr(b, name)).reshape(len(a), -1) for name in ("x", "R", "phi"))
+    return np.concatenate(list(parts), axis=1).max(axis=1)
 
 
 def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | None = None) -> Prediction:
@@ -140,7 +157,8 @@ def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | N
         R = frame.rotation @ R
     if total.sensor is not None:
         x = x + total.sensor
-    return Prediction(x, R, q, solution.pose, tool, total, solution.status, at, solution.at)
+    unsettled = None if solution.ok.all() else solution.unsettled
+    return Prediction(x, R, q, solution.pose, tool, total, solution.status, at, solution.at, unsettled)
 
 
 def closure_of(model: Model, p: Prediction) -> tuple[Closure, np.ndarray]:

@@ -10,15 +10,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench import faults
 from bench.batch import BatchMachine
 from bench.machine import Machine
-from pcalib import compensation, modelfile, rotation
+from pcalib import compensation, effects, modelfile, prediction, rotation
 from pcalib.data import measurement
 from pcalib.data.measurement import Measurements
 from pcalib.fitting import identification
 from pcalib.mechanics import kinematics
 from pcalib.mechanics.workspace import reachable
-from pcalib.model import Frame, Model
+from pcalib.model import FittedEffect, Frame, Model
+from pcalib.prediction import Conditions
 
 TOOLS = np.array([[0, 0, 0], [0, 0, -0.1], [0, 0, -0.3], [0.05, -0.08, -0.2]])
 LEVEL = np.eye(3)
@@ -168,3 +170,21 @@ def test_held_out_rows_tell_the_truth(machine, perturb, fresh):
     assert found.check is not None
     assert true < 3e-5
     assert found.check.rms_pos == pytest.approx(np.hypot(true, np.sqrt(3) * sigma), rel=0.2)
+
+
+def test_rods_that_hang_between_the_ends_of_their_play(delta):
+    """A gap that the load shuts from either side has no pose, for MuJoCo as for pcalib; the others agree."""
+    gap = effects.get("joint_clearance", None, delta)
+    model = replace(Model.nominal(delta), effects=(FittedEffect(gap, np.array([1e-4])),))
+    q, tool = reachable(delta, 3000, np.random.default_rng(1)).q, np.array([0.06, 0, -0.2])
+    p = prediction.predict(model, q, Conditions.of(len(q), tool))
+    assert p.situation is not None and p.unsettled is not None
+    least = np.argsort(np.abs(p.situation.tension).min(axis=1))[:40]  # elsewhere the side is beyond doubt
+    rows = np.union1d(least, np.flatnonzero(p.status != "ok"))
+    landing = Machine(delta, faults=(faults.typical(delta, "joint_clearance", 10.0),)).land(q[rows], tool)
+    assert (p.status[rows] == landing.status).all() and 3 < np.sum(~landing.ok) < 15
+    assert (p.unsettled == (p.status == "not_converged")).all() and p.reached.all()
+    assert np.abs(p.position[rows] - landing.tcp)[landing.ok].max() < 1e-11
+    back = compensation.compensate(model, p.position, tool, limits=False)
+    assert (back.status[p.status == "not_converged"] == "not_converged").all()
+    assert np.isnan(back.q[back.status != "ok"]).all()

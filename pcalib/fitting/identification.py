@@ -340,6 +340,12 @@ def _warnings(
             f"{_lines(far)}: more than {_FAR} times as far from the model as half of all rows; do command and "
             "measurement belong together? --loss huber gives such rows little weight"
         )
+    if state.unsettled is not None:
+        between = data.lines[fitted][state.unsettled]
+        out.append(
+            f"{_lines(between)}: the load pushes a gap shut from either side, so that the model's reading there is "
+            "uncertain by that gap"
+        )
     if data.robot_name and data.robot_name != state.model.robot.name:
         out.append(f"the file names robot '{data.robot_name}', the robot file is of '{state.model.robot.name}'")
     lost = data.lines[data.check & data.mask.any(axis=1) & np.isnan(error).all(axis=1)]

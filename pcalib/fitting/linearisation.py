@@ -69,7 +69,7 @@ def residuals(model: Model, data: Measurements, start: Pose | None = None) -> tu
         rows = slice(None) if turned.all() else turned
         error[rows, 3:] = rotation.log(data.rotation[rows] @ rotation.transposed(p.rotation[rows]))
     error[~data.mask] = np.nan
-    error[p.status != "ok"] = np.nan
+    error[~p.reached] = np.nan
     return error, p
 
 

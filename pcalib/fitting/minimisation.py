@@ -48,6 +48,8 @@ class State:
     model: Model
     error: np.ndarray
     """(N, 6) measured − predicted [m, rad]."""
+    unsettled: np.ndarray | None
+    """(N,) bool, rows where loads and pose do not settle; None where all do."""
     R: np.ndarray
     """Triangular factor of the information in scaled unknowns, without damping."""
     linear: Linearisation
@@ -98,7 +100,7 @@ def minimise(
         return current(model, unknowns)[chosen] / scale
 
     def cost(u: np.ndarray, at: tuple[np.ndarray, Prediction]) -> float:
-        if not (at[1].status == "ok").all():
+        if not at[1].reached.all():
             return np.inf
         off = (at[0] / data.sigma)[data.mask]
         return float(off @ (weight[linear.row] * off) + np.sum((u / widened()) ** 2))
@@ -179,7 +181,7 @@ def minimise(
         rows = triangle()
     if damping:
         R = least_squares.solve(rows, -u, widened())[1]  # what the data say, not how the search went
-    return State(model, at[0], R, begun, weight, tau, count, converged)
+    return State(model, at[0], at[1].unsettled, R, begun, weight, tau, count, converged)
 
 
 def _evidence(rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.ndarray) -> float:

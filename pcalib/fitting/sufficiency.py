@@ -26,7 +26,7 @@ _KINDS = 6
 
 def require_reach(p: Prediction, data: Measurements) -> None:
     """Refuse data with a command at which the loops cannot close."""
-    bad = np.flatnonzero(p.status != "ok")
+    bad = np.flatnonzero(~p.reached)
     if len(bad):
         more = f" (and {len(bad) - 1} more rows)" if len(bad) > 1 else ""
         raise InputError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ CHUNK = 2000
 """Poses per batch: the working set of one batch stays in the processor's cache."""
 TOLERANCE = 1e-14
 """[m] closure error at which Newton stops: a few times what rounding leaves on a robot of metres."""
+CLOSED = 1e-9
+"""[m] closure error up to which the loops count as closed."""
 TOGETHER = 6
 """Newton steps of a whole batch; the few poses that need more go on alone."""
 SINGULAR = 1e12
@@ -50,6 +52,15 @@ class Solution:
     def ok(self) -> np.ndarray:
         """(N,) bool."""
         return self.status == "ok"
+
+    @property
+    def unsettled(self) -> np.ndarray:
+        """(N,) bool: not converged though the loops close, for the loads there move the pose again and again."""
+        return (self.status == "not_converged") & (self.residual <= CLOSED)
+
+    def settling(self, moved: np.ndarray, most: float) -> Solution:
+        """The same, not converged where the last round of loads moved it (N,) by more than `most` [m, rad]."""
+        return replace(self, status=np.where(self.ok & (moved > most), "not_converged", self.status))
 
     def take(self, rows: np.ndarray) -> Solution:
         """The solutions of some rows."""
@@ -206,7 +217,7 @@ def forward(
             count += 1
         pose = Pose(pose.x, rotation.renormalise(pose.R), pose.phi)
         residual = np.abs(at.f).max(axis=-1)
-        status = _status(mechanism, at, residual, pose, reference, max(tolerance, 1e-9))
+        status = _status(mechanism, at, residual, pose, reference, max(tolerance, CLOSED))
         found = Solution(q[rows], pose, status, count, residual, at)
         late = np.flatnonzero(found.residual > tolerance)
         if count >= max_iterations or not len(late):
@@ -300,7 +311,7 @@ def inverse(
         R = rotation.renormalise(R)
         pose = Pose(p - (R @ t[..., None])[..., 0], R, phi)
         residual = np.abs(at.f).max(axis=-1)
-        status = _status(mechanism, at, residual, pose, R0, max(tolerance, 1e-9))
+        status = _status(mechanism, at, residual, pose, R0, max(tolerance, CLOSED))
         found = Solution(q, pose, status, count, residual)
         late = np.flatnonzero(found.residual > tolerance)
         if count >= max_iterations or not len(late):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pcalib import effects, planning, prediction, rotation, summary
+from pcalib.data.measurement import Measurements
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification
 from pcalib.fitting.identifiability import PRIOR
@@ -348,6 +349,25 @@ def test_levels_are_subspaces(truth, measure):
     assert rms["nominal"] > 2 * rms["classical"] > 4 * rms["model24"] and rms["complete"] < 5e-5
     with pytest.raises(InputError, match="unknown level 'complet'"):
         identification.fit(data, truth.robot, "complet")
+
+
+def test_rows_that_do_not_settle_are_said(delta):
+    """A rod that hangs between the ends of its play: the row counts, and the fit says how far that can be trusted."""
+    gap = effects.get("joint_clearance", None, delta)
+    model = replace(Model.nominal(delta), effects=(FittedEffect(gap, np.array([1e-4])),))
+    q, tool = planning.reachable(delta, 400, np.random.default_rng(1)).q, np.array([0.06, 0, -0.2])
+    p = prediction.predict(model, q, Conditions.of(len(q), tool))
+    hangs = np.flatnonzero(p.status != "ok")
+    assert 0 < len(hangs) < 5
+    settled = np.setdiff1d(np.arange(60), hangs)
+    for rows, number in ((settled, 0), (np.r_[settled, hangs], len(hangs))):
+        data = Measurements.create(
+            delta, q[rows], p.position[rows], p.rotation[rows], tool=tool, sigma_pos=1e-5, sigma_rot=1e-4
+        )
+        found = identification.fit(data, model, "nominal")
+        said = [w for w in found.warnings if "shut from either side" in w]
+        assert len(said) == (number > 0) and np.isfinite(found.error).all()
+        assert all(str(line) in said[0] for line in data.lines[len(settled) :])
 
 
 # --- methods --------------------------------------------------------------------------------------------------------
