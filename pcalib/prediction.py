@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pcalib import rotation
-from pcalib.effects.base import Contribution, Effect, Situation
+from pcalib.effects.base import Contribution, Situation
 from pcalib.mechanics import kinematics, statics
 from pcalib.mechanics.kinematics import Closure, Deviation
 from pcalib.mechanics.mechanism import Mechanism, Pose
@@ -270,11 +270,20 @@ def frame_columns(model: Model, p: Prediction, offset: bool = True) -> np.ndarra
     return J
 
 
-def unit_contributions(effect: Effect, at: Situation, theta: np.ndarray) -> list[Contribution]:
-    """∂(contribution)/∂θ_j as one Contribution per parameter; exact for linear effects."""
+def unit_contributions(model: Model, at: Situation) -> list[Contribution]:
+    """∂(sum of all contributions)/∂θ_j, one Contribution per parameter of the model's effects, one after another."""
     from pcalib.effects import basis
 
-    return basis(effect, at, theta)
+    out = []
+    for fitted in model.effects:
+        parts = basis(fitted.effect, at, fitted.theta)
+        for other in model.effects:  # one that goes by its partners, as gravity_tilt does, answers to their numbers too
+            through = getattr(other.effect, "through", None)
+            if through is not None and other is not fitted:
+                more = through(at, other.theta, fitted.effect, fitted.theta)
+                parts = [a + b for a, b in zip(parts, more, strict=True)]
+        out += parts
+    return out
 
 
 def _twist(mechanism: Mechanism, state: np.ndarray) -> np.ndarray:

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from pcalib import rotation
-from pcalib.effects.base import Contribution, EffectParameter, Situation
+from pcalib import effects, rotation
+from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
 from pcalib.effects.library import LibraryEffect
 
 
@@ -33,11 +33,19 @@ class GravityTilt(LibraryEffect):
         partners = [(effect, value) for effect, value in at.partners if effect.name != self.name]
         if not partners:
             return total
-        tilted = at.under(rotation.exp(np.array([theta[0], theta[1], 0.0])) @ at.g)
-        now = at.under(at.g)
+        tilted, now = self._both(at, theta)
         for effect, value in partners:
             total = total + effect.contribution(tilted, value) + effect.contribution(now, value).scaled(-1.0)
         return total
+
+    def through(self, at: Situation, theta: np.ndarray, partner: Effect, value: np.ndarray) -> list[Contribution]:
+        """∂(contribution)/∂(value of a partner), one Contribution per parameter of the partner."""
+        by = (effects.basis(partner, there, value) for there in self._both(at, theta))
+        return [tilted + now.scaled(-1.0) for tilted, now in zip(*by, strict=True)]
+
+    def _both(self, at: Situation, theta: np.ndarray) -> tuple[Situation, Situation]:
+        """The situation under tilted and under present gravity."""
+        return at.under(rotation.exp(np.array([theta[0], theta[1], 0.0])) @ at.g), at.under(at.g)
 
 
 EFFECT = GravityTilt

@@ -88,9 +88,7 @@ def linearise(
     blocks = [prediction.readings(model, p, motion)]
     if unknowns.n_effects:
         assert p.situation is not None
-        parts = []
-        for fitted in model.effects:
-            parts += prediction.unit_contributions(fitted.effect, p.situation, fitted.theta)
+        parts = prediction.unit_contributions(model, p.situation)
         blocks.append(prediction.effect_columns(model, p, closed, JX, parts))
     if unknowns.n_frame:
         blocks.append(prediction.frame_columns(model, p))
