@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import units
+from pcalib import units, wording
 from pcalib.data.measurement import Measurements
 from pcalib.errors import FitError, InputError, unknown
 from pcalib.fitting import least_squares
@@ -35,6 +35,8 @@ from pcalib.model import FittedEffect, Model
 from pcalib.robot import Robot
 
 METHODS = ("map", "base", "linear")
+_LEFT_OUT = 1.5
+"""Times their σ from which rotations that a level leaves out are warned of."""
 _FAR = 6
 """Times the median residual from which a row is named: noise alone reaches three."""
 
@@ -92,6 +94,10 @@ class Fit:
     """(N,) bool, rows held out."""
     source: str
     """The measurement file, for messages."""
+    sigma_stated: bool
+    """Whether the file states the instrument's σ; assumed otherwise."""
+    left_out: float
+    """Rotations that the level cannot explain and that do not count: RMS in σ on fitted rows; NaN where none are."""
 
     @property
     def model(self) -> Model:
@@ -206,10 +212,11 @@ def _conclude(
     information = (ident.ratio * state.prior_scale) ** 2
     taken = float(np.sum(information / (1 + information))) if method == "map" else float(np.sum(chosen < g))
     taken += unknowns.n_effects + min(unknowns.n_frame, 6)
-    counted = explained.mask & ~np.isnan(error)
-
-    def summary(rows: np.ndarray, parameters: float) -> Accuracy:
-        return accuracy(error[rows], data.sigma[rows], counted[rows], parameters)
+    seen = data.mask & ~np.isnan(error)
+    counted = explained.mask & seen
+    beside = seen & ~explained.mask & fitted[:, None]
+    left_out = float(np.sqrt(np.mean((error[beside] / data.sigma[beside]) ** 2))) if beside.any() else np.nan
+    figures = accuracy(error[fitted], data.sigma[fitted], counted[fitted], taken)
 
     return Fit(
         candidate=_with_sigma(state.model, unknowns, covariance),
@@ -224,15 +231,17 @@ def _conclude(
         error=error,
         sigma=data.sigma,
         weight=weight,
-        fit=summary(fitted, taken),
-        check=summary(held, 0.0) if held.any() else None,
+        fit=figures,
+        check=accuracy(error[held], data.sigma[held], counted[held], 0.0) if held.any() else None,
         identifiability=ident,
         expected=expected,
         prior_scale=state.prior_scale,
-        warnings=_warnings(data, error, unknowns, ident, expected, state),
+        warnings=_warnings(data, error, unknowns, ident, expected, state, figures.rms_rot, left_out),
         lines=data.lines,
         held=held,
         source=data.source,
+        sigma_stated=data.sigma_stated,
+        left_out=left_out,
     )
 
 
@@ -307,9 +316,21 @@ def _explained(data: Measurements, unknowns: Unknowns) -> Measurements:
 
 
 def _warnings(
-    data: Measurements, error: np.ndarray, unknowns: Unknowns, ident: Identifiability, expected: int, state: State
+    data: Measurements,
+    error: np.ndarray,
+    unknowns: Unknowns,
+    ident: Identifiability,
+    expected: int,
+    state: State,
+    rms_rot: float,
+    left_out: float,
 ) -> tuple[str, ...]:
     out = []
+    if left_out > _LEFT_OUT:
+        out.append(
+            f"level {unknowns.level.name} takes parallelograms as perfect: measured rotations are left out, and are "
+            f"{wording.deviation(rms_rot, 'rad')} RMS off, {left_out:.1f}× their σ"
+        )
     if ident.n_identified < expected:
         out.append(f"{ident.n_identified} of {expected} directions are supported by these poses; priors hold the rest")
     if state.prior_scale > 2:

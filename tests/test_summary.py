@@ -1,0 +1,49 @@
+"""The headline of a fit: what is noise, what is not, and what was not asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pcalib import summary
+from pcalib.fitting import identification
+from pcalib.model import Model
+
+
+@pytest.fixture(scope="module")
+def truth(delta, perturb):
+    return replace(Model.nominal(delta), k=perturb(20))
+
+
+@pytest.mark.parametrize("level", ["classical", "model24"])
+def test_rotations_that_a_level_leaves_out_are_said(truth, measure, level):
+    """They do not count for χ²; where only they are off, nobody may read that all is noise."""
+    data = measure(truth, 60)
+    within = replace(data, sigma=data.sigma * [50, 50, 50, 1, 1, 1])  # positions explained, rotations 10 σ off
+    found = identification.fit(within, truth.robot, level)
+    turned = data.mask[:, 3]
+    assert found.left_out == pytest.approx(np.sqrt(np.mean((found.error[turned, 3:] / data.sigma[turned, 3:]) ** 2)))
+    assert found.left_out > 5
+    text = summary.headline(found)
+    assert f"rotations left out: {1e6 * found.fit.rms_rot:.1f} µrad RMS, {found.left_out:.1f}× their σ" in text
+    assert any("rotations are left out" in w and f"{found.left_out:.1f}× their σ" in w for w in found.warnings)
+    for other, of_level in ((data, "complete"), (measure(truth, 60, rotations=False), level)):
+        plain = identification.fit(other, truth.robot, of_level)
+        assert np.isnan(plain.left_out) and "rotations" not in summary.headline(plain)
+        assert not any("left out" in w for w in plain.warnings)
+
+
+def test_noise_is_called_what_it_is(truth, measure):
+    said = {
+        1.0: ("(at the noise)", "(at the assumed noise)"),
+        3.0: ("(far below the stated noise: σ overstated?)", "(far below the assumed noise: σ overstated?)"),
+        0.5: ("× the stated noise)", "× the assumed noise)"),
+    }
+    for size, words in said.items():
+        data = measure(truth, 120, stated=size)
+        assert data.sigma_stated
+        for stated, text in zip((True, False), words, strict=True):
+            found = identification.fit(replace(data, sigma_stated=stated), truth.robot)
+            assert text in summary.headline(found)
