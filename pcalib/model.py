@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -37,6 +37,32 @@ class Frame:
     """(3,) [m], plate frame: the target's place beyond the stated tool point."""
 
 
+METHODS = ("map", "base", "linear")
+LOSSES = ("linear", "huber", "cauchy")
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How a fit is made, see :func:`pcalib.fitting.identification.fit`; a model keeps it, so that refits are alike."""
+
+    method: str = METHODS[0]
+    loss: str = LOSSES[0]
+    fixed: tuple[str, ...] = ()
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Name → (low, high) of the change from nominal [SI]."""
+    prior: Mapping[str, float] = field(default_factory=dict)
+    """1σ by unit ('m', 'rad', '1') or parameter name [SI]."""
+
+    def at_level(self, columns: Collection[str]) -> FitOptions:
+        """What of it concerns a geometry level with these parameters."""
+        return replace(
+            self,
+            fixed=tuple(name for name in self.fixed if name in columns),
+            bounds={name: both for name, both in self.bounds.items() if name in columns},
+            prior={name: sigma for name, sigma in self.prior.items() if name in columns or name in ("m", "rad", "1")},
+        )
+
+
 @dataclass(frozen=True)
 class Model:
     """Robot + geometry + effects + frame: what a fit produces and every command uses."""
@@ -50,6 +76,8 @@ class Model:
     """None where data are measured in the base frame."""
     sigma: np.ndarray | None = None
     """(nk,) 1σ of k from the fit; NaN where the level does not free a parameter."""
+    options: FitOptions = FitOptions()
+    """How it was fitted."""
     history: tuple[Mapping[str, Any], ...] = ()
     """One entry per step (fit, add, drop), oldest first, each with what is needed to go back to it."""
 

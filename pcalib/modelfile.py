@@ -18,12 +18,14 @@ import tomli_w
 from pcalib import files, robot, rotation, units
 from pcalib.errors import EffectError, InputError, unknown
 from pcalib.mechanics.mechanism import Mechanism
-from pcalib.model import FittedEffect, Frame, Model
+from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Frame, Model
 
 SCHEMA = "pcalib.model/1"
 _AGAIN = "the file is damaged or was edited: write it anew with 'pcalib fit … -o'"
 _LARGEST = 1e150
 """Numbers beyond this are no numbers of a robot, and overflow when they are squared."""
+_CHOICES = {"method": METHODS, "loss": LOSSES}
+"""How a fit can be made, the default first."""
 _EDGE = {"m": ("mm", 1e-3), "rad": ("deg", np.pi / 180), "1": ("", 1.0)}
 
 
@@ -47,6 +49,8 @@ def dumps(model: Model, statistics: Mapping[str, Any] | None = None) -> str:
     table: dict[str, Any] = {"schema": SCHEMA, "level": model.level}
     if statistics:
         table["statistics"] = {k: _plain(v) for k, v in statistics.items() if v is not None}
+    if options := _options_table(model.options):
+        table["options"] = options
     table["effects"] = [_effect_table(f) for f in model.effects]
     if model.frame is not None:
         table["frame"] = _frame_table(model.frame)
@@ -117,7 +121,8 @@ def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
     effects = tuple(_effect_from(entry, described, effect_files) for entry in _tables(table, "effects"))
     frame = _frame_from(_table(table, "frame")) if "frame" in table else None
     known = sigma if np.isfinite(sigma).any() else None
-    return Model(described, k, _level(table, mechanism), effects, frame, known, _history(table))
+    options = _options_from(_table(table, "options")) if "options" in table else FitOptions()
+    return Model(described, k, _level(table, mechanism), effects, frame, known, options, _history(table))
 
 
 def _history(table: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
@@ -152,6 +157,36 @@ def restore(model: Model, entry: Mapping[str, Any], effect_files: Sequence[str] 
         effects=tuple(_effect_from(e, model.robot, list(effect_files)) for e in _tables(entry, "effects")),
         frame=_frame_from(_table(entry, "frame")) if "frame" in entry else None,
         sigma=None,
+    )
+
+
+def _options_table(options: FitOptions) -> dict[str, Any]:
+    """What differs from the defaults."""
+    out = {name: value for name in _CHOICES if (value := getattr(options, name)) != _CHOICES[name][0]}
+    for name, value in (("fixed", list(options.fixed)), ("bounds_si", options.bounds), ("prior_si", options.prior)):
+        if value:
+            out[name] = value
+    return _plain(out)
+
+
+def _options_from(table: Mapping[str, Any]) -> FitOptions:
+    for key in table:
+        if key not in (*_CHOICES, "fixed", "bounds_si", "prior_si"):
+            raise InputError(f"options: {unknown('key', key, (*_CHOICES, 'fixed', 'bounds_si', 'prior_si'))}")
+    said: dict[str, Any] = {}
+    for name, accepted in _CHOICES.items():
+        said[name] = table.get(name, accepted[0])
+        if said[name] not in accepted:
+            raise InputError(f"options: {unknown(name, str(said[name])[:40], accepted)}")
+    fixed = table.get("fixed", [])
+    if not isinstance(fixed, list) or not all(isinstance(name, str) for name in fixed):
+        raise InputError("options: fixed is no list of names")
+    bounds, prior = (_table(table, key, "options: ") if key in table else {} for key in ("bounds_si", "prior_si"))
+    return FitOptions(
+        **said,
+        fixed=tuple(fixed),
+        bounds={name: tuple(_vector(bounds, name, 2, "options: bounds_si").tolist()) for name in bounds},
+        prior={name: _sigma(prior, name, "options: prior_si") for name in prior},
     )
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pcalib import effects, modelfile, rotation, summary
 from pcalib.errors import EffectError, InputError, PcalibError
 from pcalib.fitting import identification
-from pcalib.model import FittedEffect, Frame, Model
+from pcalib.model import FitOptions, FittedEffect, Frame, Model
 
 FRAME = Frame(rotation.exp(np.array([0.3, -0.5, 2.6])), np.array([2.5, -1.0, 0.8]), np.array([3e-3, -4e-3, 2e-3]))
 
@@ -68,6 +68,13 @@ def test_what_is_saved_is_loaded(model, tmp_path):
     table = tomllib.loads(path.read_text("utf-8"))
     assert table["schema"] == "pcalib.model/1" and table["statistics"] == {"rms_pos_um": 21.5}
     assert table["parameters"]["l11"]["nominal_mm"] == 800.0 and "value_deg" in table["parameters"]["beta1.x"]
+
+
+def test_how_it_was_fitted_is_kept(model):
+    how = FitOptions("base", "huber", ("l11", "b11.x"), {"l12": (-1e-4, 2e-4)}, {"m": 3e-4, "l21": 1e-5})
+    assert modelfile.loads(modelfile.dumps(replace(model, options=how))).options == how
+    assert "options" not in tomllib.loads(modelfile.dumps(model))
+    assert modelfile.loads(modelfile.dumps(model)).options == FitOptions()
 
 
 def test_a_bare_model_stays_bare(delta, perturb):
@@ -203,6 +210,13 @@ BROKEN = {
     "frame is short": (put("frame", "translation_mm", [1.0, 2.0]), "frame: translation_mm must be 3"),
     "frame is not finite": (put("frame", "rotation_deg", [0.0, float("nan"), 0.0]), "frame"),
     "frame lacks a key": (drop("frame", "target_offset_mm"), "frame"),
+    "options are text": (put("options", "all"), "options is missing, or is no table"),
+    "option unknown": (put("options", {"speed": 1}), "unknown key 'speed'"),
+    "method unknown": (put("options", {"method": "guess"}), "unknown method 'guess'"),
+    "method is a number": (put("options", {"method": 3}), "unknown method '3'"),
+    "fixed is text": (put("options", {"fixed": "l11"}), "fixed is no list"),
+    "bounds are short": (put("options", {"bounds_si": {"l11": [1.0]}}), "bounds_si: l11 must be 2"),
+    "prior is negative": (put("options", {"prior_si": {"m": -1.0}}), "prior_si: m is negative"),
     "history is text": (put("history", "long ago"), "history"),
     "history of numbers": (put("history", [1, 2]), "history"),
 }

@@ -42,10 +42,12 @@ def read(model: Path, data: Path, effect_files: tuple[str, ...]) -> tuple[Model,
     """
     from pcalib import effects, modelfile
     from pcalib.data import measurement
-    from pcalib.fitting import sufficiency
+    from pcalib.fitting import linearisation, sufficiency
 
     calibrated = modelfile.load(model, effect_files)
     measured = measurement.load(data, calibrated.robot)
+    sufficiency.require_rows(measured)
+    calibrated = linearisation.seen_from(calibrated, measured.take(~measured.check))
     sufficiency.require_usable(calibrated, measured)
     present = {fitted.effect.name for fitted in calibrated.effects}
     own = [effects.parse(spec, calibrated.robot) for spec in effect_files]

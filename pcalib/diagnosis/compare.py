@@ -68,8 +68,8 @@ def compare(
         own: the user's own effects, which take part in judging the noise.
         n_worst: how many of the worst rows to name.
     """
-    error, p = linearisation.residuals(model, data)
     made = problem(model, data, own)
+    error, p = linearisation.residuals(made.model, data)
     screen = made.screen(n_draws)
     test = adequacy.p_values(screen)
     null = adequacy.null_distribution(screen)

@@ -19,7 +19,7 @@ import numpy as np
 from pcalib import effects, prediction, units
 from pcalib.diagnosis.candidates import level_columns
 from pcalib.diagnosis.channels import Point
-from pcalib.diagnosis.problem import Problem, spread
+from pcalib.diagnosis.problem import Problem, spread, unknowns_for
 from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, InputError
 from pcalib.fitting import linearisation
@@ -121,7 +121,7 @@ def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None
     if not 1 <= n <= options.candidates:
         raise InputError(f"-n {n} rows make no plan", remedy=f"ask for at least 1, at most {options.candidates}")
     rng = np.random.default_rng(options.seed)
-    unknowns = unknowns_of(made.model, made.model.level, made.model.effects, made.data.frame == "tracker")
+    unknowns = unknowns_for(made.model, made.data)
     measure = _Instrument.of(made)
     data = made.data
     needs = {need for rival in rivals for e in rival for need in e.needs}

@@ -112,6 +112,7 @@ def problem(
         without: names of effects that are not considered.
     """
     fit = data.take(~data.check)
+    model = linearisation.seen_from(model, fit)
     made = _linearised(model, fit, own, without)
     if not all_rows:
         odd = outliers.find(made.y, joint_span(made.nuisance, made.groups), made.row, len(fit))
@@ -136,7 +137,7 @@ def problem(
 
 
 def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without: Sequence[str]) -> Problem:
-    unknowns = unknowns_of(model, model.level, model.effects, fit.frame == "tracker")
+    unknowns = unknowns_for(model, fit)
     linear = linearisation.linearise(model, fit, unknowns)
     require_reach(linear.prediction, fit)
     point = Point.of(model, linear.prediction, linearisation.conditions_of(fit))
@@ -167,6 +168,14 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
         tuple(found), tuple(cells), tuple(unavailable), noises.as_stated(fit), eye,
         Outliers(np.zeros(0, int), np.zeros(0)), fit,
     )  # fmt: skip
+
+
+def unknowns_for(model: Model, data: Measurements) -> Unknowns:
+    """What a refit of the model to the data would free."""
+    how = model.options
+    return unknowns_of(
+        model, model.level, model.effects, data.frame == "tracker", fixed=how.fixed, prior=how.prior
+    )
 
 
 def spread(model: Model, unknowns: Unknowns) -> np.ndarray:

@@ -14,7 +14,7 @@ from pcalib.diagnosis.channels import Point
 from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, unknown
 from pcalib.fitting import identification
-from pcalib.fitting.identification import METHODS, Fit
+from pcalib.fitting.identification import Fit
 from pcalib.fitting.linearisation import conditions_of
 from pcalib.model import FittedEffect, Model
 
@@ -78,12 +78,6 @@ def _fell(before: Fit, after: Fit) -> np.ndarray:
     return fell
 
 
-def method_of(model: Model) -> str:
-    """How the model was fitted last."""
-    said = [str(entry.get("method", "")) for entry in reversed(model.history)]
-    return next((m for m in said if m in METHODS), "map")
-
-
 def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ()) -> Step:
     """Refit geometry, effects and frame with an effect, or at a geometry level, that the model lacks.
 
@@ -92,8 +86,7 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
         FitError: the data do not support it.
     """
     levels = model.robot.mechanism.levels
-    method = method_of(model)
-    before = identification.fit(data, model, model.level, method=method)
+    before = identification.fit(data, model, model.level)
     if spec in levels:
         if spec == model.level:
             remedy = "'pcalib diagnose' says what else may be missing"
@@ -103,7 +96,7 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
                 f"level {spec} is no extension of level {model.level}\n  "
                 f"for a simpler model: pcalib fit --level {spec}, or pcalib log --back-to"
             )
-        after = identification.fit(data, before.model, spec, method=method)
+        after = identification.fit(data, before.model, spec)
         return Step("add", spec, before, after)
     mine = [e for e in own if spec in (e.name, getattr(e, "spec", ""))]
     effect = mine[0] if mine else _parsed(spec, model)
@@ -114,7 +107,7 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
     _require_seen(effect, before.model, data)
     start = FittedEffect(effect, np.zeros(len(effect.parameters)), getattr(effect, "spec", spec))
     kept = tuple(f for f in before.model.effects if f.effect.name != effect.name)
-    after = identification.fit(data, replace(before.model, effects=(*kept, start)), model.level, method=method)
+    after = identification.fit(data, replace(before.model, effects=(*kept, start)), model.level)
     return Step("add", start.spec, before, after)
 
 
@@ -146,7 +139,6 @@ def drop(model: Model, data: Measurements, spec: str) -> Step:
     if len(kept) == len(model.effects):
         have = [f.effect.name for f in model.effects]
         raise EffectError(unknown("effect of the model", spec, have) if have else "the model has no effects to drop")
-    method = method_of(model)
-    before = identification.fit(data, model, model.level, method=method)
-    after = identification.fit(data, replace(before.model, effects=kept), model.level, method=method)
+    before = identification.fit(data, model, model.level)
+    after = identification.fit(data, replace(before.model, effects=kept), model.level)
     return Step("drop", spec, before, after)

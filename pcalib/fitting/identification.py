@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -27,14 +28,13 @@ from pcalib.fitting import least_squares
 from pcalib.fitting.identifiability import Identifiability, analyse
 from pcalib.fitting.linearisation import Linearisation as Linearisation
 from pcalib.fitting.linearisation import conditions_of as conditions_of
-from pcalib.fitting.linearisation import linearise, register, residuals
-from pcalib.fitting.minimisation import LOSSES, State, minimise
-from pcalib.fitting.sufficiency import require_enough, require_order, require_reach
+from pcalib.fitting.linearisation import linearise, residuals, seen_from
+from pcalib.fitting.minimisation import State, minimise
+from pcalib.fitting.sufficiency import require_enough, require_order, require_reach, require_rows
 from pcalib.fitting.unknowns import Unknowns, current, unknowns_of
-from pcalib.model import FittedEffect, Model
+from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Model
 from pcalib.robot import Robot
 
-METHODS = ("map", "base", "linear")
 _LEFT_OUT = 1.5
 """Times their σ from which rotations that a level leaves out are warned of."""
 _FAR = 6
@@ -123,9 +123,9 @@ def fit(
     level: str = "complete",
     *,
     effects: Sequence[FittedEffect] = (),
-    method: str = "map",
-    loss: str = "linear",
-    fixed: Iterable[str] = (),
+    method: str | None = None,
+    loss: str | None = None,
+    fixed: Iterable[str] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     prior: Mapping[str, float] | None = None,
     prior_scale: float | None = None,
@@ -136,11 +136,12 @@ def fit(
 
     Args:
         data: measured poses; rows with ``set = check`` are never used for fitting.
-        robot: nominal robot, or a model to start from (its effects and frame are kept as start values).
+        robot: nominal robot, or a model to start from: its effects and frame are start values, and what is not said
+            here of the options from `method` to `prior` is as it was fitted before.
         level: named geometry level of the robot's kind.
         effects: effects to identify together with the geometry, at their start values.
-        method: 'map', 'base' or 'linear', see the module.
-        loss: 'linear', or 'huber' / 'cauchy', which weigh rows far off down and report them.
+        method: 'map' (the default), 'base' or 'linear', see the module.
+        loss: 'linear' (the default), or 'huber' / 'cauchy', which weigh rows far off down and report them.
         fixed, bounds, prior: see :func:`pcalib.fitting.unknowns.unknowns_of`.
         prior_scale: common factor on the manufacturing priors; estimated (≥ 1) where absent.
         weighted: divide by the instrument's σ; False weighs a millimetre like a radian, as the paper's text does.
@@ -148,21 +149,21 @@ def fit(
     Raises:
         InputError: rows that the nominal robot cannot reach, or fewer readings than the level needs.
     """
-    for value, names, what in ((method, METHODS, "method"), (loss, LOSSES, "loss")):
-        if value not in names:
-            raise InputError(unknown(what, value, names))
     model = robot if isinstance(robot, Model) else Model.nominal(robot)
-    model = replace(model, level=level, effects=tuple(effects) or model.effects)
+    said = {"method": method, "loss": loss, "fixed": fixed, "bounds": bounds, "prior": prior}
+    how = _options(model, level, {name: value for name, value in said.items() if value is not None})
+    method, loss = how.method, how.loss
+    model = replace(model, level=level, effects=tuple(effects) or model.effects, options=how)
     if not weighted:
         data = replace(data, sigma=data.sigma[:, :1] * np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3]))
     tracker = data.frame == "tracker"
-    unknowns = unknowns_of(model, level, model.effects, tracker, fixed, bounds, prior, flat=method != "map")
+    unknowns = unknowns_of(
+        model, level, model.effects, tracker, how.fixed, how.bounds, how.prior, flat=method != "map"
+    )
+    require_rows(data)
     fitted = data.take(~data.check) if data.check.any() else data
     used = _explained(fitted, unknowns)
-    if len(used) == 0:
-        remedy = "mark some rows fit, or leave the column 'set' out"
-        raise InputError("no rows to fit: all are set = check", file=data.source, remedy=remedy)
-    model = replace(model, frame=(model.frame or register(model, used)) if tracker else None)
+    model = seen_from(model, used)
     if not unknowns.level.raw:
         model = model.with_geometry(model.robot.mechanism.nominal + unknowns.level.project(model.errors))
     at = residuals(model, used)
@@ -179,6 +180,17 @@ def fit(
     state = minimise(model, used, unknowns, chosen, at, loss, scale, 1 if method == "linear" else max_iterations)
     ident = seen or _seen(state.linear.triangle[:, :-1], unknowns)
     return _conclude(state, data, unknowns, chosen, method, expected, ident)
+
+
+def _options(model: Model, level: str, said: Mapping[str, Any]) -> FitOptions:
+    """What is said, and beside it how the model was fitted before."""
+    levels = model.robot.mechanism.levels
+    before = model.options.at_level(levels[level].columns) if level in levels else model.options
+    out = replace(before, **said)
+    for value, names, what in ((out.method, METHODS, "method"), (out.loss, LOSSES, "loss")):
+        if value not in names:
+            raise InputError(unknown(what, value, names))
+    return replace(out, fixed=tuple(out.fixed), bounds=dict(out.bounds), prior=dict(out.prior))
 
 
 def _seen(rows: np.ndarray, unknowns: Unknowns) -> Identifiability:

@@ -100,6 +100,13 @@ def linearise(
     return Linearisation(error[row, component] / sigma, J, unknowns.n_geometry, row, component, p, motion)
 
 
+def seen_from(model: Model, data: Measurements) -> Model:
+    """The model in the measuring frame of the data: registered where a tracker's is not known yet, none in the base."""
+    if data.frame != "tracker":
+        return replace(model, frame=None)
+    return model if model.frame is not None else replace(model, frame=register(model, data))
+
+
 def register(model: Model, data: Measurements) -> Frame:
     """First guess of the frame: the rigid motion that best lays predicted on measured positions (Kabsch)."""
     p = prediction.predict(replace(model, frame=None), data.q, conditions_of(data))

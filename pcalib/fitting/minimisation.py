@@ -13,7 +13,6 @@ from pcalib.fitting.unknowns import EFFECT_PRIOR_WIDTH, Unknowns, apply, current
 from pcalib.model import Model
 from pcalib.prediction import Prediction, ahead
 
-LOSSES = ("linear", "huber", "cauchy")
 ROBUST_AT = 2.5
 """Rows further off than this many σ (per component) weigh less under a robust loss."""
 TOLERANCE = 1e-5

@@ -37,12 +37,17 @@ def require_reach(p: Prediction, data: Measurements) -> None:
         )
 
 
-def require_usable(model: Model, data: Measurements) -> None:
-    """Refuse data that a model cannot be compared with: no rows to fit, loops that do not close, columns mixed up."""
-    fitted = data.take(~data.check)
-    if not len(fitted):
+def require_rows(data: Measurements) -> None:
+    """Refuse data with no rows to fit."""
+    if data.check.all():
         remedy = "mark some rows fit, or leave the column 'set' out"
         raise InputError("no rows to fit: all are set = check", file=data.source, remedy=remedy)
+
+
+def require_usable(model: Model, data: Measurements) -> None:
+    """Refuse data that a model cannot be compared with: no rows to fit, loops that do not close, columns mixed up."""
+    require_rows(data)
+    fitted = data.take(~data.check)
     error, p = linearisation.residuals(model, fitted)
     require_reach(p, fitted)
     require_order(error, fitted, model.robot)

@@ -13,7 +13,9 @@ from bench import simulate
 from bench import truth as truths
 from bench.instrument import Instrument
 from pcalib import robot as robots
+from pcalib import rotation
 from pcalib.diagnosis import results, telling
+from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.evidence import evidence
 from pcalib.diagnosis.kinship import kinship
@@ -245,6 +247,22 @@ def test_the_telling_plot_of_a_ripple_with_named_cycles_is_over_the_angle(measur
     shown = evidence(replace(model, robot=named), data, "gear_ripple").by_variable
     assert shown is not None and shown.channel == "actuator"
     assert np.ptp(shown.x) > np.radians(40) and np.ptp(shown.curve) > 1e-5
+
+
+def test_a_model_meets_data_of_another_measuring_frame(measured):
+    """A model from the base frame is laid onto a tracker's data, and one with a frame does without where none is."""
+    data, model = measured((("thermal_arms", 1.0),))
+    turn, shift = rotation.exp(np.array([0.8, 1.2, 0.3])), np.array([1.0, 2.0, 0.5])
+    tracked = replace(
+        data, position=data.position @ turn.T + shift, rotation=turn @ data.rotation, frame="tracker"
+    )
+    found = compare(model, tracked)
+    assert found.fit.rms_pos == pytest.approx(compare(model, data).fit.rms_pos, rel=0.1)
+    assert "thermal_arms" in diagnose(model, tracked, n_draws=ENOUGH_DRAWS).established
+    framed = identification.fit(tracked, model).model
+    assert framed.frame is not None
+    # What a tracker sees does not tell a robot that stands askew from a frame that does: 0.5 mm here, and no metres.
+    assert compare(framed, data).fit.rms_pos < 1e-3
 
 
 USER = """

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcalib.diagnosis import telling
-from pcalib.diagnosis.steps import SURE, add, by_rotations, held_out_gain
+from pcalib.diagnosis.steps import SURE, add, by_rotations, drop, held_out_gain
 from pcalib.fitting import identification
 
 
@@ -43,3 +43,25 @@ def test_what_helps_and_is_not_all_is_not_confirmed(completed):
     left = replace(completed.after, fit=replace(completed.after.fit, chi2_dof=1.69))
     said = telling.step_sentence(replace(completed, after=left))
     assert "confirmed" not in said and "1.3 times the stated noise is left. Something else is missing too" in said
+
+
+def test_steps_refit_as_the_model_was_fitted(measured, robot):
+    """Gross rows stay down-weighted, and what was held stays held."""
+    data, _ = measured((("thermal_arms", 1.0),))
+    position = data.position.copy()
+    position[[5, 40, 71]] += [3e-3, 0.0, 0.0]
+    gross = replace(data, position=position)
+    first = identification.fit(gross, robot, loss="huber", fixed=["l11"]).model
+    added = add(first, gross, "thermal_arms")
+    for step in (added, drop(added.after.model, gross, "thermal_arms")):
+        for fit in (step.before, step.after):
+            assert fit.candidate.k[robot.mechanism.parameters.index("l11")] == pytest.approx(0.8, abs=1e-12)
+            assert fit.check.rms_pos < 60e-6 and (fit.weight[[5, 40, 71]] < 0.5).all()
+            assert fit.candidate.options.loss == "huber"
+
+
+def test_a_richer_level_keeps_what_it_can_of_the_options(measured, robot):
+    data, _ = measured()
+    simple = identification.fit(data, robot, "classical", fixed=["rod1.length"], prior={"m": 2e-4}).model
+    after = add(simple, data, "complete").after.candidate
+    assert after.options.fixed == () and after.options.prior == {"m": 2e-4}
