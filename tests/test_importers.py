@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +155,9 @@ def test_a_good_residual_with_the_wrong_rods_is_not_taken_on_trust(tmp_path):
     assert doubt.rms_held < 6e-5  # 19 mm of rod are 40 µm of height
     assert doubt.remedy.startswith("the length of rod 11") and doubt.sigma_after < 0.1 * doubt.sigma
     assert "288" not in doubt.sentence() and "far beyond any tolerance" in doubt.sentence()
+    # A change within its own σ is none: nothing is said to lie anywhere.
+    loose = replace(fit, covariance=400 * fit.covariance)
+    assert "rod.length" not in [doubt.name for doubt in trust.doubts(loose, found.data)]
     assert doubts["scale"].sigma > 1e-3 and "wrong motion per motor step" in doubts["scale"].sentence()
     # With the rod as measured, the misfit shows that something else is wrong, and the residual is no longer small.
     held = identification.fit(found.data, found.robot, "firmware7", method="base", fixed=["rod.length"])

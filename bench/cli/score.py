@@ -26,7 +26,8 @@ def command(folder: Path, /, *, json: JsonOption = None) -> int:
     found = scores.score(folder)
     wrong = sum(g.words in ("wrong", "false alarm", "taken for a known effect") for g in found.grades)
     right = sum(g.words.startswith("right") for g in found.grades)
-    frame.say(f"{right} of {len(found.grades)} diagnoses are right, {wrong} are wrong, the others undecided or missed.")
+    is_wrong = "1 is wrong" if wrong == 1 else f"{wrong} are wrong"
+    frame.say(f"{right} of {len(found.grades)} diagnoses are right, {is_wrong}, the others undecided or missed.")
     frame.show_table(
         ("data", "design", "hidden", "s", "verdict", "established or adequate", "grade"),
         [

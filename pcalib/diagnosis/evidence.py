@@ -10,16 +10,21 @@ import numpy as np
 from pcalib import effects
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
+from pcalib.diagnosis.adequacy import Test
 from pcalib.diagnosis.candidates import Candidate, richer_levels, shown_by
 from pcalib.diagnosis.compare import noise_of
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible, with_effects
 from pcalib.diagnosis.patterns import FINE, recorded
 from pcalib.diagnosis.screen import Screen
+from pcalib.diagnosis.steps import held_out_errors
 from pcalib.effects.base import Effect, Situation
 from pcalib.errors import EffectError, FitError, InputError, unknown
 from pcalib.fitting import identification
 from pcalib.fitting.identification import Fit
 from pcalib.model import FittedEffect, Model
+
+TIED = 1e-12
+"""p below which everything is equally sure, and p no longer orders."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,7 @@ class Evidence:
     after: Fit | None
     """Full non-linear fits without and with it; None where a fit failed."""
     held_out: tuple[float, float] | None
-    """RMS of the check rows' readings in noise units, before and after."""
+    """RMS of the check rows' readings in noise units, before and after; rotations only where a level explains them."""
     rest_p: float
     """Corrected p of the hottest thing with the candidate in place: small means it is not enough."""
     rest: str
@@ -95,13 +100,13 @@ def evidence(model: Model, data: Measurements, spec: str, own: Sequence[Effect] 
     screen = made.screen()
     null = adequacy.null_distribution(screen, (g,))
     rest = adequacy.p_values(screen, (g,))
-    hottest = "what no group holds" if rest.hottest < 0 else screen.names[rest.hottest]
+    hottest = "what no group holds" if rest.hottest < 0 else screen.names[_hottest(found, screen, rest)]
     candidate = finding.candidate
     before, after = _fits(model, data, finding)
     held = None
     if before is not None and after is not None and data.check.any():
         sigma = noise_of(made, data)[data.check]
-        both = [np.sqrt(np.nanmean((f.error[data.check] / sigma) ** 2)) for f in (before, after)]
+        both = [np.sqrt(np.nanmean((error / sigma) ** 2)) for error in held_out_errors(before, after)]
         held = float(both[0]), float(both[1])
     return Evidence(
         candidate=candidate,
@@ -117,6 +122,16 @@ def evidence(model: Model, data: Measurements, spec: str, own: Sequence[Effect] 
         plot=_added_variable(screen, g, finding),
         by_variable=_by_variable(found, screen, g, finding, after, data),
     )
+
+
+def _hottest(found: Diagnosis, screen: Screen, rest: Test) -> int:
+    """Group of the smallest p; of those too small to be told apart a level first, then the largest per column."""
+    if rest.smallest > TIED:
+        return rest.hottest
+    blocks, candidates = screen.allowing(rest.chosen), found.problem.candidates
+    tied = [int(g) for g in np.flatnonzero(rest.p <= TIED) if blocks[g].shape[1]]
+    levels = [g for g in tied if g < len(candidates) and candidates[g].effect is None]
+    return max(levels or tied, key=lambda g: float(np.mean((screen.y @ blocks[g]) ** 2)))
 
 
 def _finding(found: Diagnosis, spec: str, own: Sequence[Effect]) -> Finding:

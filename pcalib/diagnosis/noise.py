@@ -56,15 +56,15 @@ class NoiseLevel:
         """Whether replicates stand behind it."""
         return self.source == "replicates"
 
-    def sentence(self) -> str:
-        """Where the figure comes from, and what that means."""
+    def sentence(self, joint_unit: str = "µrad") -> str:
+        """Where the figure comes from, and what that means; joints are said in millionths of their unit."""
         said = " and ".join(
             f"{value * 1e6:.3g} {unit}"
             for value, unit in ((self.sigma_pos, "µm"), (self.sigma_rot, "µrad"))
             if np.isfinite(value)
         )
         if self.sigma_q:
-            said += f" (of it {self.sigma_q * 1e6:.2g} µrad or µm from joint repeatability)"
+            said += f" (part of it from joints that repeat to {self.sigma_q * 1e6:.2g} {joint_unit})"
         if self.source == "replicates":
             return f"Noise {said} per component, from replicates."
         if self.source == "residuals":

@@ -69,13 +69,24 @@ def by_rotations(before: Fit, after: Fit) -> bool:
     return bool(rotation > position)
 
 
+def held_out_errors(before: Fit, after: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 6) [m, rad] errors of the held-out poses on either side; NaN where either has none.
+
+    Rotations are left out where both levels take parallelograms as perfect: neither fit looked at them, and a small
+    turn of the frame would change them by more than all else.
+    """
+    old, new = (f.error[f.held].copy() for f in (before, after))
+    lost = np.isnan(old) | np.isnan(new)
+    if before.unknowns.level.perfect and after.unknowns.level.perfect and not lost[:, :3].all():
+        lost[:, 3:] = True
+    old[lost] = new[lost] = np.nan
+    return old, new
+
+
 def _fell(before: Fit, after: Fit) -> np.ndarray:
-    """(n, 6) by how much the squared readings of held-out poses fell [σ²]; 0 where neither level can explain them."""
-    old, new = ((f.error[f.held] / f.sigma[f.held]) ** 2 for f in (before, after))
-    fell = np.nan_to_num(old - new)
-    if before.unknowns.level.perfect and after.unknowns.level.perfect and fell[:, :3].any():
-        fell[:, 3:] = 0.0
-    return fell
+    """(n, 6) by how much the squared readings of held-out poses fell [σ²]; 0 where they do not count."""
+    old, new = held_out_errors(before, after)
+    return np.nan_to_num((old**2 - new**2) / before.sigma[before.held] ** 2)
 
 
 def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ()) -> Step:

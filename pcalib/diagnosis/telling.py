@@ -48,7 +48,7 @@ def sentence(found: Diagnosis) -> str:
         return f"What is missing: {found.sets[0].words()}."
     if found.verdict == "ambiguous":
         if len(found.sets) == 1:
-            return f"Perhaps {found.sets[0].words()}, but held-out poses speak against it."
+            return f"Perhaps {found.sets[0].words()}, but held-out poses do not confirm it."
         options = _or([_short(e) for e in found.sets])
         sure = f" {' and '.join(found.established)} is missing in any case." if found.established else ""
         return f"Something is missing: {options}. These poses cannot tell which.{sure}"
@@ -61,7 +61,7 @@ def _short(e: Explanation) -> str:
 
 
 def _or(options: Sequence[str]) -> str:
-    shown = list(options[:5]) + ([f"one of {len(options) - 5} more"] if len(options) > 5 else [])
+    shown = list(options) if len(options) <= 6 else [*options[:5], f"one of {len(options) - 5} more"]
     return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + " or " + shown[-1]
 
 
@@ -79,7 +79,7 @@ def place(cell: Cell) -> str:
 
 def details(found: Diagnosis) -> list[str]:
     """What to know beside the verdict, one sentence each."""
-    out = [found.noise.sentence(), *far_rows(found.problem)]
+    out = [noise_sentence(found.problem), *far_rows(found.problem)]
     for e in found.sets:
         if e.held_out is not None:
             before, after = e.held_out
@@ -92,6 +92,12 @@ def details(found: Diagnosis) -> list[str]:
     if not found.noise.verified and found.verdict in ("established", "ambiguous", "unexplained"):
         out.append("Without replicates this is a ranking rather than a proof.")
     return out
+
+
+def noise_sentence(made: Problem) -> str:
+    """The noise level and where it comes from, in this robot's units."""
+    angles = made.model.robot.mechanism.actuator_dimension == "angle"
+    return made.noise.sentence("µrad" if angles else "µm")
 
 
 def far_rows(made: Problem) -> list[str]:
@@ -250,7 +256,7 @@ def comparison_details(c: Comparison) -> list[str]:
     if c.misfit.dof and not 1 / MORE < c.times_noise[0] / left < MORE:
         without = "Without them, and with" if len(c.problem.set_aside) else "With"
         out.append(f"{without} the geometry refitted, {left:.1f} times the noise is left of the rows to fit.")
-    return [*out, c.noise.sentence()]
+    return [*out, noise_sentence(c.problem)]
 
 
 def hot_cells(cells: Sequence[Cell]) -> list[Cell]:
@@ -351,9 +357,11 @@ def evidence_lines(e: Evidence) -> list[str]:
         f"Visible: {100 * f.kappa:.0f} % of its signal; the geometry can take up the rest.",
         f"Size: {f.s:.1f} noise units, p {p_text(f.p)} after correcting for everything that was looked at.",
         f"With it in place the hottest thing left is {e.rest}, p {p_text(e.rest_p)}.",
-        "Its parameters are " + ("within" if e.in_range else "outside") + " their physical range.",
     ]
     if f.candidate.effect is not None:
+        inside = np.all((f.theta >= f.candidate.low) & (f.theta <= f.candidate.high))
+        doubt = ", by no more than noise can do" if e.in_range and not inside else ""
+        lines.append(f"Its parameters are {'within' if inside else 'outside'} their physical range{doubt}.")
         for p, value, sigma in zip(f.candidate.effect.parameters, f.theta, f.sigma, strict=True):
             from pcalib import units
 

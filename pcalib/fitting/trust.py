@@ -21,6 +21,8 @@ from pcalib.prediction import Conditions
 
 FAR = 20.0
 """Manufacturing tolerances beyond which a value is not taken on trust."""
+CLEAR = 2.0
+"""σ of itself from which on a change is one at all."""
 HIDDEN = 30.0
 """A change whose trace the other unknowns can make this many times smaller is hidden by them: the square root of the
 variance inflation factor."""
@@ -127,7 +129,8 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
     S, _, _ = _geometry(fit, data.q[used], conditions_of(data).take(used))
     trace = np.sqrt(np.sum((S[seen] / data.sigma[used][seen][:, None]) ** 2, axis=0))
     hidden = sigma / inflate * trace
-    suspects = [j for j in np.argsort(-far * hidden) if made[j] and far[j] > FAR and hidden[j] > HIDDEN]
+    clear = np.abs(change) > CLEAR * sigma
+    suspects = [j for j in np.argsort(-far * hidden) if made[j] and clear[j] and far[j] > FAR and hidden[j] > HIDDEN]
     wanted = [(unknowns.names[j], own[j], float(change[j]), units[j], growth[j]) for j in suspects[:most]]
     scale = _scale(fit, data)
     if scale is not None and np.sqrt(scale @ covariance @ scale) > SCALE:

@@ -9,6 +9,9 @@ import numpy as np
 from pcalib.diagnosis import telling
 from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.diagnose import diagnose
+from pcalib.diagnosis.evidence import evidence
+from pcalib.diagnosis.steps import held_out_gain
+from pcalib.diagnosis.verdict import Explanation
 from pcalib.effects import Contribution, EffectParameter, get
 from pcalib.fitting import identification
 
@@ -72,3 +75,45 @@ class TestCandidates:
         said = get("arm_bending", None, robot).describe(np.array([5e-6, -8e-7]))
         assert said == "vertical 5 µm/N (elbow stiffness 0.2 N/µm); lateral -0.8 µm/N (not physical)"
         assert get("arm_bending", None, robot).describe(np.array([5e-6, 0.0])).endswith("lateral 0 µm/N (rigid)")
+
+
+class TestEvidence:
+    def test_what_is_left_is_the_level_where_everything_is_left(self, measured, robot):
+        data, _ = measured((("drive_compliance", 1.0),))
+        e = evidence(identification.fit(data, robot, "model24").model, data, "drive_compliance")
+        assert e.rest == "complete" and e.rest_p < 0.05
+
+    def test_the_range_is_spoken_of_where_there_is_one(self, measured, robot):
+        data, _ = measured((("drive_compliance", 1.0),))
+        rough = identification.fit(data, robot, "model24").model
+        level = evidence(rough, data, "complete")
+        assert not any("physical range" in line for line in telling.evidence_lines(level))
+        below = replace(level.finding, candidate=evidence(rough, data, "drive_compliance").candidate,
+                        theta=np.array([-1e-6]), sigma=np.array([1e-6]))  # fmt: skip
+        for possible, said in ((True, "outside their physical range, by no more than noise"), (False, "range.")):
+            lines = telling.evidence_lines(replace(level, finding=below, in_range=possible))
+            assert any(said in line for line in lines) and not any("within their" in line for line in lines)
+
+    def test_held_out_figures_count_what_the_verdict_on_them_counts(self, measured, robot):
+        data, _ = measured((("drive_compliance", 1.0),), seed=3)
+        e = evidence(identification.fit(data, robot, "model24").model, data, "drive_compliance")
+        gain = held_out_gain(e.before, e.after)
+        assert (e.held_out[1] < e.held_out[0]) == (gain > 0) and e.held_out[0] < 15
+
+
+def test_wording_of_the_first_sentence(measured):
+    found = diagnose(*reversed(measured((("backlash", 0.3),))), n_draws=256)
+    refused = replace(found.sets[0], held_out=(100.0, 101.0))
+    once = replace(found, verdict="ambiguous", sets=(refused,))
+    assert telling.sentence(once).endswith("but held-out poses do not confirm it.")
+    assert any("do not confirm it" in line for line in telling.details(once))
+    many = [Explanation((f"e{i}",), (f"e{i}",), (), (), (), 0.0) for i in range(7)]
+    assert "e4 or e5." in telling.sentence(replace(found, verdict="ambiguous", sets=tuple(many[:6]), established=()))
+    assert "one of 2 more." in telling.sentence(replace(found, verdict="ambiguous", sets=tuple(many), established=()))
+
+
+def test_joints_repeat_in_the_units_of_their_robot(measured):
+    made = compare(*reversed(measured()), n_draws=64).problem
+    made = replace(made, noise=replace(made.noise, sigma_q=2.9e-5))
+    assert "(part of it from joints that repeat to 29 µrad)" in telling.noise_sentence(made)
+    assert "joints that repeat to 29 µm)" in made.noise.sentence("µm")

@@ -122,7 +122,8 @@ def test_a_wrong_answer_and_a_missing_one_show(folder, capsys):
     found = score(folder)
     assert found.missing == ("001",) and found.grades[0].words == "wrong" and not found.holds
     assert cli.main(["score", str(folder)]) == 1
-    assert "Without a diagnosis: 001" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Without a diagnosis: 001" in said and "1 is wrong" in said
 
 
 @pytest.mark.parametrize(
