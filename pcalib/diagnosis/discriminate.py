@@ -32,6 +32,8 @@ ENOUGH = 5.0
 """s, noise units: from about here on rivals are told apart nine times out of ten."""
 TEMPERATURE_SWING = 8.0
 """[K] about 22 °C that a plan may ask for where a rival answers to temperature."""
+SENSIBLE = 500
+"""Rows beyond which nobody measures to tell two explanations apart."""
 LATER = 3600.0
 """[s] a plan may ask for rows that much later where a rival answers to time."""
 
@@ -84,6 +86,13 @@ class Plan:
         good = np.flatnonzero(self.after >= ENOUGH)
         return int(good[0]) + 1 if len(good) else None
 
+    @property
+    def needed(self) -> float:
+        """How many rows it would take if further ones brought as much as these do on average."""
+        growth = (self.after[-1] ** 2 - self.before**2) / len(self.after)
+        short = max(ENOUGH**2 - self.before**2, 0.0)
+        return short / growth if growth > 1e-12 else np.inf if short else 0.0
+
     def sentence(self) -> str:
         """What the rows bring, in words."""
         a, b = self.between
@@ -96,9 +105,18 @@ class Plan:
             text += ": more of the same will not tell"
         if self.before >= ENOUGH:
             return text + f". {ENOUGH:.0f} are needed, so these data should tell them apart already."
-        if self.enough is None:
-            return text + f". {ENOUGH:.0f} are needed: plan more rows, a larger payload or a longer tool."
-        return text + f". {ENOUGH:.0f} are needed: the first {self.enough} should do."
+        text += f". {ENOUGH:.0f} are needed"
+        if self.enough is not None:
+            return f"{text}: the first {self.enough} should do."
+        if self.needed <= SENSIBLE:
+            rows = f"{float(f'{self.needed:.2g}'):.0f}"
+            return f"{text}: about {rows} such rows, or fewer with a larger payload or a longer tool."
+        alone = next((name for name in self.between if "nothing" in self.between and name != "nothing"), "")
+        same = f"Leave {alone} out" if alone else "Treat the two as one"
+        return (
+            f"{text}, and no sensible number of such rows brings them. "
+            f"{same}: for poses and loads like these both lead to the same commands."
+        )
 
 
 def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None = None) -> Plan:

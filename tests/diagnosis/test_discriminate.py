@@ -146,3 +146,16 @@ def test_a_plan_counts_with_the_repeatability_of_the_joints(measured, robot):
     unit = made.whitener[:, :1, :1] * 0 + np.eye(6)
     sloppy = replace(made, noise=replace(made.noise, sigma_q=1e-4), whitener=0.25 * unit)
     assert plan(sloppy, pair, 6).after[-1] < 0.5 * exact.after[-1]
+
+
+def test_rivals_that_nothing_tells_apart_are_one(measured, robot):
+    data, model = measured((("drive_compliance", 1.0),))
+    pair = [[effects.get("drive_compliance", None, robot)], [effects.get("arm_bending", None, robot)]]
+    found = plan(problem(model, data), pair, 6)
+    assert found.needed > discriminate.SENSIBLE
+    assert "no sensible number of such rows brings them. Treat the two as one" in found.sentence()
+    # 2 noise units and 4 more in four rows, in squares: 21 are lacking, at 3 a row.
+    some = replace(found, before=2.0, after=np.sqrt([7.0, 10.0, 13.0, 16.0]))
+    assert some.needed == pytest.approx(7.0) and "about 7 such rows" in some.sentence()
+    alone = replace(found, between=("backlash", "nothing"))
+    assert "Leave backlash out" in alone.sentence()
