@@ -14,7 +14,7 @@ from pcalib.diagnosis.diagnose import Diagnosis
 from pcalib.model import Model
 from pcalib.report import Bullets, Facts, Figure, Page, Section, Table
 from pcalib.report.page import versions
-from pcalib.wording import size
+from pcalib.wording import angle, number, size
 
 _TONES = {"nothing_missing": "good", "established": "neutral", "ambiguous": "neutral", "unexplained": "bad"}
 
@@ -24,24 +24,30 @@ def write_comparison(path: str | Path, model: Model, data: Measurements, found: 
     hot = bool(telling.hot_cells(found.cells))
     rows = [("fit", found.fit, found.times_noise[0]), ("check", found.check, found.times_noise[1])]
     figures_table = Table(
-        ("rows", "poses", "RMS", "max", "times noise"),
-        [(n, str(a.n_rows), size(a.rms_pos), size(a.max_pos), f"{t:.2f}") for n, a, t in rows if a is not None],
-        "<>>>>",
+        ("rows", "poses", "RMS", "max", "rotation RMS", "times noise"),
+        [
+            (n, str(a.n_rows), size(a.rms_pos), size(a.max_pos), angle(a.rms_rot), number(t, 2))
+            for n, a, t in rows
+            if a is not None and t is not None
+        ],
+        "<>>>>>",
     )
     worst = Table(
-        ("line", "set", "error", "times noise", ""),
+        ("line", "set", "x mm", "y mm", "z mm", "error", "rotation", "times noise", ""),
         [
             (
-                str(w.line), "check" if w.check else "fit", size(float(np.linalg.norm(np.nan_to_num(w.error[:3])))),
-                f"{w.times_noise:.1f}", "far from everything" if w.outlier else "",
+                str(w.line), "check" if w.check else "fit", *(number(1e3 * v, 0) for v in found.position[w.index]),
+                size(_length(w.error[:3])), angle(_length(w.error[3:])), number(w.times_noise, 1),
+                "far from everything" if w.outlier else "",
             )
             for w in found.worst
         ],
-        ">< >".replace(" ", ">"),
+        "><>>>>>>",
     )  # fmt: skip
     sections = [
         Section("How far apart", [figures_table, Bullets(telling.comparison_details(found))]),
-        Section("Where", [_map(found.cells), worst]),
+        Section("Where it shows", [_map(found.cells)]),
+        Section("Worst poses", [worst]),
     ]
     page = Page(
         f"Model and measurements of {model.robot.name}",
@@ -81,7 +87,7 @@ def diagnosis_sections(found: Diagnosis) -> list[Section]:
             [
                 Figure(
                     figures.ranking(found),
-                    "Visible size of every candidate on its own. Filled: it stands in a smallest adequate set.",
+                    "Visible size of candidates, each on its own. Orange: it stands in an explanation that is left.",
                     "Bars of candidates by their visible size in noise units",
                 ),
                 ranked,
@@ -98,6 +104,11 @@ def diagnosis_sections(found: Diagnosis) -> list[Section]:
     if next_steps:
         out.append(Section("Next", [Bullets(next_steps)]))
     return out
+
+
+def _length(error: np.ndarray) -> float:
+    """|e| of what was measured; NaN where nothing was."""
+    return float(np.sqrt(np.nansum(error**2))) if np.isfinite(error).any() else float("nan")
 
 
 def _map(cells) -> Figure:

@@ -14,7 +14,7 @@ from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import CHANNELS, Cell
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
-from pcalib.diagnosis.verdict import Explanation, in_words
+from pcalib.diagnosis.verdict import in_words
 from pcalib.fitting.identification import Accuracy, Fit
 from pcalib.summary import AT_THE_NOISE
 from pcalib.wording import angle, clipped, deviation, size
@@ -49,15 +49,11 @@ def sentence(found: Diagnosis) -> str:
     if found.verdict == "ambiguous":
         if len(found.sets) == 1:
             return f"Perhaps {found.sets[0].words()}, but held-out poses do not confirm it."
-        options = _or([_short(e) for e in found.sets])
-        sure = f" {' and '.join(found.established)} is missing in any case." if found.established else ""
-        return f"Something is missing: {options}. These poses cannot tell which.{sure}"
+        options = _or([" with ".join(n for n in e.names if n not in found.established) for e in found.sets])
+        sure = f"{' and '.join(found.established)} in any case, and with it " if found.established else ""
+        return f"Something is missing: {sure}{options}. These poses cannot tell which."
     hot = _where(found.cells)
     return f"Something is missing, and no effect of the library explains it. {hot}"
-
-
-def _short(e: Explanation) -> str:
-    return " with ".join(e.names)
 
 
 def _or(options: Sequence[str]) -> str:

@@ -61,6 +61,7 @@ def test_compare(run, folder):
     assert found["heatmap"][0]["channel"] == "actuator" and len(found["worst"]) == 5
     page = (folder / "c.html").read_text()
     assert page.count("<svg") == 1 and "://" not in page
+    assert "<h2>Worst poses</h2>" in page and "rotation RMS" in page and ">z mm</th>" in page
     assert (folder / "c.rrd").stat().st_size > 10_000
 
 
@@ -79,7 +80,10 @@ def test_diagnose(run, folder):
     soft = next(c for c in found["candidates"] if c["effect"] == "drive_compliance")["parameters"]["compliance"]
     assert (soft["unit"], soft["shown_in"]) == ("rad_Nm", "urad_Nm") and 1e-5 < soft["value"] < 1e-4
     assert out.splitlines()[0] == found["sentence"] or found["sentence"].startswith(out.splitlines()[0])
-    assert (folder / "d.html").read_text().count("<svg") == 2
+    page = (folder / "d.html").read_text()
+    assert page.count("<svg") == 2 and "Orange: it stands in an explanation" in page
+    assert 'class="left text">drives give way under load' in page  # long cells wrap, and none is cut
+    assert "…" not in page.partition("All candidates")[2].partition("</table>")[0]
 
 
 def test_explain(run, folder):
@@ -189,6 +193,7 @@ def test_what_a_diagnosis_advises_runs(run, folder):
     run("fit", "data.csv", "--robot", ROBOT_FILE, "--level", "model24", "-o", "m24.toml")
     code, out, _ = run("diagnose", "data.csv", "-m", "m24.toml", "--json", "d24.json")
     assert code == 0 and "'pcalib add complete …' comes first" in out
+    assert "Something is missing: complete in any case, and with it" in out
     items = json.loads((folder / "d24.json").read_text())["next"]
     assert [item["do"] for item in items][:2] == ["add", "next"] and items[0]["effect"] == "complete"
     between = ",".join(items[1]["between"])
