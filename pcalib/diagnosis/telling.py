@@ -330,7 +330,8 @@ def change(step: Step, name: str, value: float) -> str:
 
 def evidence_sentence(e: Evidence) -> str:
     """The case for or against a candidate in one sentence."""
-    words = in_words(e.candidate, e.finding.theta)
+    c, theta = e.candidate, e.finding.theta
+    words = in_words(c, np.clip(theta, c.low, c.high) if e.in_range and c.effect is not None else theta)
     if e.finding.note.startswith("these poses"):
         return f"{e.candidate.name}: these poses cannot show it, whatever its size."
     if not e.in_range:

@@ -94,6 +94,13 @@ class TestEvidence:
             lines = telling.evidence_lines(replace(level, finding=below, in_range=possible))
             assert any(said in line for line in lines) and not any("within their" in line for line in lines)
 
+    def test_what_is_possible_is_not_called_impossible_for_noise(self, measured):
+        data, model = measured((("drive_compliance", 1.0),))
+        e = evidence(model, data, "arm_bending")
+        e = replace(e, finding=replace(e.finding, theta=np.array([5e-6, -1e-7])))
+        assert e.in_range and "(rigid)" in telling.evidence_sentence(e)
+        assert "lateral -0.1 µm/N (not physical)" in telling.evidence_sentence(replace(e, in_range=False))
+
     def test_held_out_figures_count_what_the_verdict_on_them_counts(self, measured, robot):
         data, _ = measured((("drive_compliance", 1.0),), seed=3)
         e = evidence(identification.fit(data, robot, "model24").model, data, "drive_compliance")
