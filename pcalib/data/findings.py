@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from pcalib.data import mixups
 from pcalib.data.columns import TEMPERATURES
 from pcalib.data.measurement import Measurements
 from pcalib.data.mixups import Nominal
-from pcalib.data.replicates import Noise
+from pcalib.data.replicates import Noise, groups
 from pcalib.robot import Robot
 
 ENOUGH_DOF = 20
@@ -175,6 +175,8 @@ def noise_level(data: Measurements, noise: Noise) -> Iterator[Finding]:
         why = "No replicates (pose_id)"
         if (data.pose_id >= 0).any():
             why = "No rows of one pose_id agree in command, payload, direction and temperature"
+        elif repeated := int((groups(replace(data, pose_id=np.zeros(len(data), int))) >= 0).sum()):
+            why = f"{repeated} rows repeat a command, but no pose_id says that they are replicates"
         yield Finding(
             "warning", "no_replicates",
             f"{why}: the noise is not verified, and a diagnosis can rank causes but gives no verdict; measure ten or "
@@ -213,6 +215,13 @@ def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
             f"The position is that of the row before although the command changed ({_lines(data, still)}): was the "
             "instrument frozen?",
         )  # fmt: skip
+    copied = copies(data)
+    if copied.any():
+        yield Finding(
+            "warning", "copies",
+            f"Command and reading are those of an earlier row to the last digit ({_lines(data, copied)}): copies are "
+            "no measurements, and make the noise look smaller than it is; remove them.",
+        )  # fmt: skip
     for what, column, low, high, unit in (("position", 0, 1e-7, 1e-3, "m"), ("rotation", 3, 1e-7, 2e-2, "rad")):
         sigma = data.sigma[data.mask[:, column], column]
         if len(sigma) and not (low <= np.median(sigma) <= high):
@@ -237,6 +246,17 @@ def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
         if tilt > robot.mechanism.max_tilt:
             tilted = f"The plate tilts by up to {np.rad2deg(tilt):.0f}°: is the rotation's unit right?"
             yield Finding("warning", "odd_rotation", tilted)
+
+
+def copies(data: Measurements) -> np.ndarray:
+    """(N,) bool, rows whose command, tool and complete position, and rotation if there is one, an earlier row has."""
+    whole = np.flatnonzero(data.mask[:, :3].all(axis=1))
+    turn = np.nan_to_num(data.rotation[whole].reshape(-1, 9))
+    content = np.hstack([data.q[whole], data.tool[whole], data.payload[whole, None], data.position[whole], turn])
+    _, first = np.unique(content, axis=0, return_index=True)
+    out = np.zeros(len(data), bool)
+    out[np.delete(whole, first)] = True
+    return out
 
 
 def against_nominal(data: Measurements, nominal: Nominal) -> Iterator[Finding]:

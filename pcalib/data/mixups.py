@@ -24,6 +24,9 @@ LARGE = 5e-3
 """[m] RMS from the nominal robot below which nothing is suspected."""
 LARGE_TURN = np.radians(3.0)
 """[rad] median turn from the nominal robot below which nothing is suspected."""
+ALONE = 7.0
+"""Turn times lever over displacement from which on the turn is read wrong. Errors of parts do both alike (about 1);
+degrees taken for radians multiply the turn alone, by 57."""
 GAIN = 0.25
 """A reading that explains the data must bring the error below this share."""
 
@@ -77,13 +80,19 @@ def compare(data: Measurements, robot: Robot) -> Nominal:
     if np.median(error) > LARGE:
         found = sorted((value, text) for value, text in _readings(some, robot, point, ok) if value < GAIN * rms)
         explanations = tuple(text for value, text in found if value < 1.5 * found[0][0])
-    elif turn > LARGE_TURN:  # a robot that really turns its plate so far would move it too
+    elif turn > LARGE_TURN and turn * _lever(robot) > ALONE * np.median(error):
         seen = ok & some.mask[:, 3]
         readings = [(_turns(R, pose.R[seen]), text) for R, text in _other_rotations(some.take(seen))]
         limit = min(GAIN * turn, LARGE_TURN)
         explanations = tuple(text for value, text in readings if np.median(value) < limit)
     aligned = _rms(_error(point[ok], some.position[ok], "tracker", mirrored=False))
     return Nominal(rms, full[ok], error, unreachable, explanations, aligned, turn)
+
+
+def _lever(robot: Robot) -> float:
+    """[m] what turns a plate when it moves: the spread of its anchors."""
+    points = robot.mechanism.plate_points(robot.mechanism.nominal)
+    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=-1))))
 
 
 def _poses(data: Measurements, robot: Robot, q: np.ndarray) -> tuple[Pose, np.ndarray]:

@@ -92,6 +92,7 @@ FINDINGS = {
     "noise_position": lambda: good(sigma_pos=1e-5),
     "noise_rotation": lambda: good(sigma_rot=12e-5),
     "frozen": lambda: good_with(position=np.repeat(good().position[::5], 5, axis=0)),
+    "copies": lambda: good().take(np.r_[:50, 49]),
     "odd_sigma": lambda: good(sigma_pos=2e-2),
     "odd_temperature": lambda: good(columns=moved("temp_rods", good().columns["temp"] + 273)),
     "other_robot": lambda: replace(good(), robot_name="gamma"),
@@ -127,6 +128,14 @@ def test_every_lack_is_found(code):
     json.dumps(plain(result.to_json()), allow_nan=False)
     order = ["error", "warning", "note"]
     assert [f.level for f in result.findings] == sorted((f.level for f in result.findings), key=order.index)
+
+
+def test_repeated_commands_that_no_pose_id_joins_are_named():
+    found = {f.code: f.message for f in inspection.inspect(good(pose_id=None), DELTA).findings}
+    assert found["no_replicates"].startswith("50 rows repeat a command, but no pose_id says")
+    once = good(pose_id=None).take(slice(0, 50, 2))
+    found = {f.code: f.message for f in inspection.inspect(once, DELTA).findings}
+    assert found["no_replicates"].startswith("No replicates (pose_id)")
 
 
 def test_messages_name_lines():

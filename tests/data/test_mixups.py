@@ -109,6 +109,17 @@ def test_rotations_read_wrongly_are_named(base, misread, said):
     assert found.explanations == ((said,) if said else ())
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_robot_built_badly_turns_its_plate_and_is_not_taken_for_a_mix_up(base, seed):
+    """Parts off by 3 mm and 1° turn the plate by up to 6° and move it by millimetres, both as they are measured."""
+    units = np.array(DELTA.mechanism.units)
+    size = np.where(units == "rad", np.radians(1.0), 3e-3)
+    k = DELTA.mechanism.nominal + size * np.random.default_rng(seed).standard_normal(len(size))
+    pose = kinematics.forward(DELTA.mechanism, k, base.q).pose
+    data = replace(base, position=pose.tcp(base.tool), rotation=pose.R, mask=np.ones((len(base), 6), bool))
+    assert mixups.compare(data, DELTA).explanations == ()
+
+
 def test_a_rotation_of_the_base_in_the_plate_is_named():
     """Where the robot commands the rotation, its inverse is another one."""
     hexapod = robot.load(Path(__file__).resolve().parents[2] / "models" / "hexapod.toml")
