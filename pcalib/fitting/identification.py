@@ -25,7 +25,7 @@ from pcalib import units, wording
 from pcalib.data.measurement import Measurements
 from pcalib.errors import FitError, InputError, unknown
 from pcalib.fitting import least_squares
-from pcalib.fitting.identifiability import Identifiability, analyse
+from pcalib.fitting.identifiability import Identifiability, analyse, priors
 from pcalib.fitting.linearisation import Linearisation as Linearisation
 from pcalib.fitting.linearisation import conditions_of as conditions_of
 from pcalib.fitting.linearisation import linearise, residuals, seen_from
@@ -37,6 +37,8 @@ from pcalib.robot import Robot
 
 _LEFT_OUT = 1.5
 """Times their σ from which rotations that a level leaves out are warned of."""
+_ROUNDING = 1e-9
+"""Share of a parameter's tolerance below which a level only seems to free it, by rounding."""
 _FAR = 6
 """Times the median residual from which a row is named: noise alone reaches three."""
 
@@ -291,7 +293,8 @@ def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray) -> Mod
     """The model with 1σ of geometry and effects attached."""
     g, basis = unknowns.n_geometry, unknowns.basis
     sigma = np.full(len(model.k), np.nan)
-    freed = np.abs(basis).max(axis=1, initial=0.0) > 0
+    moved = np.abs(basis * unknowns.scale[:g]).max(axis=1, initial=0.0)
+    freed = moved > _ROUNDING * priors(model.robot.mechanism.units)
     sigma[freed] = np.sqrt(np.sum(basis @ covariance[:g, :g] * basis, axis=1))[freed]
     each = np.sqrt(np.diag(covariance))
     effects, i = [], g

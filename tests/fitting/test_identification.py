@@ -370,6 +370,16 @@ def test_rows_that_do_not_settle_are_said(delta):
         assert all(str(line) in said[0] for line in data.lines[len(settled) :])
 
 
+def test_what_a_level_does_not_free_has_no_sigma(truth, measure):
+    """Nor a σ of 1e-20 by rounding, in which any later change would be counted."""
+    data, mechanism = measure(truth, 60), truth.robot.mechanism
+    tolerance = np.array([PRIOR[unit] for unit in mechanism.units])
+    for level, freed in (("nominal", 0), ("classical", 17), ("model24", 39), ("complete", 60)):
+        sigma = identification.fit(data, truth.robot, level).candidate.sigma
+        assert sigma is not None and np.isfinite(sigma).sum() == freed
+        assert (sigma[np.isfinite(sigma)] > 1e-6 * tolerance[np.isfinite(sigma)]).all()
+
+
 # --- methods --------------------------------------------------------------------------------------------------------
 
 
