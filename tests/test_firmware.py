@@ -39,7 +39,7 @@ def printer(arms):
         for c, axis in enumerate("xy"):
             values[f"p{i + 1}.{axis}"] = (arms.radius + 0.03) * turn[c]
         values[f"p{i + 1}.z"] = arms.homed[i] - arms.scale[i] * arms.q_home
-    return MECHANISM.vector(values)
+    return np.array([values.get(name, k) for name, k in zip(MECHANISM.parameters, MECHANISM.nominal, strict=True)])
 
 
 def commands(n=200):

@@ -32,8 +32,6 @@ class CrossValidation:
     """(N, 6) measured − predicted [m, rad], NaN where not measured."""
     rod: np.ndarray
     """(N, m) [m] apparent rod-length errors; NaN in rows that are no full pose."""
-    fold: np.ndarray
-    """(N,) which fold held a row out; −1 on rows that are `set = check`."""
     spread: np.ndarray
     """(nz,) standard deviation of each unknown over the folds [its unit]."""
     names: tuple[str, ...]
@@ -76,7 +74,7 @@ def _rms(error: np.ndarray) -> float:
 
 
 def require_folds(data: Measurements, folds: int) -> np.ndarray:
-    """(N,) group of rows with one command; −1 for rows held out.
+    """(N,) which fold holds a row out; −1 on rows that are `set = check`.
 
     Raises:
         InputError: fewer than two folds, or more than there are commands.
@@ -85,7 +83,7 @@ def require_folds(data: Measurements, folds: int) -> np.ndarray:
     count = int(group.max(initial=-1)) + 1
     if not 2 <= folds <= count:
         raise InputError(f"{folds} folds of {count} commands", file=data.source, remedy=f"choose 2 to {count} folds")
-    return group
+    return np.where(group >= 0, group % folds, -1)
 
 
 def cross_validate(
@@ -107,8 +105,7 @@ def cross_validate(
         InputError: fewer commands than folds, or a fold whose fit the rest of the data cannot support.
         FitError: a fold's fit is not usable.
     """
-    group = require_folds(data, folds)
-    fold = np.where(group >= 0, group % folds, -1)
+    fold = require_folds(data, folds)
     error = np.full((len(data), 6), np.nan)
     rod: np.ndarray | None = None
     estimates, names = [], ()
@@ -116,7 +113,7 @@ def cross_validate(
         found = identification.fit(data.take((fold >= 0) & (fold != f)), robot, level, **options)
         held = data.take(fold == f)
         error[fold == f], p = identification.residuals(found.model, held)
-        rods = rod_errors(found.model, held, error[fold == f], p)
+        rods = rod_errors(found.model, error[fold == f], p)
         rod = np.full((len(data), rods.shape[1]), np.nan) if rod is None else rod
         rod[fold == f] = rods
         estimates.append(found.estimate)
@@ -124,7 +121,7 @@ def cross_validate(
         if tick:
             tick()
     assert rod is not None
-    return CrossValidation(folds, error, rod, fold, np.std(estimates, axis=0), names)
+    return CrossValidation(folds, error, rod, np.std(estimates, axis=0), names)
 
 
 def _groups(data: Measurements) -> np.ndarray:
@@ -137,7 +134,7 @@ def _groups(data: Measurements) -> np.ndarray:
     return group
 
 
-def rod_errors(model: Model, data: Measurements, error: np.ndarray, p: Prediction) -> np.ndarray:
+def rod_errors(model: Model, error: np.ndarray, p: Prediction) -> np.ndarray:
     """Closure at the measured poses, (N, m) [m]: by how much each rod seems too short; NaN where no full pose was seen.
 
     Args:

@@ -203,13 +203,6 @@ class Mechanism:
         """Position of a named parameter in k."""
         return self.parameters.index(name)
 
-    def vector(self, values: Mapping[str, float]) -> np.ndarray:
-        """The nominal k with some named values replaced."""
-        k = self.nominal.copy()
-        for name, value in values.items():
-            k[self.index(name)] = value
-        return k
-
     def rods_on(self, h: int) -> np.ndarray:
         """Which rods (m,) hang on the body of hinge h."""
         assert self.body is not None

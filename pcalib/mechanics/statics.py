@@ -36,8 +36,6 @@ class Loads:
     """(N, m, 3) unit directions from base-side to plate-side anchor, base frame."""
     levers: np.ndarray
     """(N, m, 3) [m or 1], derivative of each base-side anchor by its actuator."""
-    anchors: np.ndarray
-    """(N, m, 3) [m], base-side anchors, base frame."""
 
 
 def loads(
@@ -83,7 +81,7 @@ def loads(
     spread[np.arange(per_rod.shape[1]), mechanism.actuator] = 1.0
     torque = per_rod @ spread + mechanism.actuation.weight_moment(k, q, mass, g)
     tension = tension * bodies
-    return Loads(tension, torque, tension[..., None] * at.n + half, at.n, at.side.dA, at.side.A)
+    return Loads(tension, torque, tension[..., None] * at.n + half, at.n, at.side.dA)
 
 
 def _weight(
