@@ -157,7 +157,7 @@ def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | N
         R = frame.rotation @ R
     if total.sensor is not None:
         x = x + total.sensor
-    unsettled = None if solution.ok.all() else solution.unsettled
+    unsettled = solution.unsettled if model.effects and not solution.ok.all() else None
     return Prediction(x, R, q, solution.pose, tool, total, solution.status, at, solution.at, unsettled)
 
 

@@ -226,10 +226,10 @@ def _conclude(
     information = (ident.ratio * state.prior_scale) ** 2
     taken = float(np.sum(information / (1 + information))) if method == "map" else float(np.sum(chosen < g))
     taken += unknowns.n_effects + min(unknowns.n_frame, 6)
-    seen = data.mask & ~np.isnan(error)
-    counted = explained.mask & seen
-    beside = seen & ~explained.mask & fitted[:, None]
-    left_out = float(np.sqrt(np.mean((error[beside] / data.sigma[beside]) ** 2))) if beside.any() else np.nan
+    counted = explained.mask & ~np.isnan(error)
+    beside = (data.mask & ~explained.mask)[fitted]
+    off = (error[fitted] / data.sigma[fitted])[beside]
+    left_out = float(np.sqrt(np.mean(off**2))) if len(off) else float("nan")
     figures = accuracy(error[fitted], data.sigma[fitted], counted[fitted], taken)
 
     return Fit(
