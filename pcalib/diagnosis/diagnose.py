@@ -276,12 +276,10 @@ def _checked(explanation: Explanation, made: Problem, data: Measurements) -> Exp
     except (FitError, InputError):
         return explanation
     rows = data.take(data.check)
-    ratio = np.repeat(made.noise.ratio, 3)
-    both = []
-    for model in (made.model, after):
-        error, _ = linearisation.residuals(model, rows)
-        both.append(float(np.nansum((error / (rows.sigma * ratio)) ** 2)))
-    return replace(explanation, held_out=(both[0], both[1]))
+    sigma = rows.sigma * np.repeat(made.noise.ratio, 3)
+    old, new = (linearisation.residuals(model, rows)[0] / sigma for model in (made.model, after))
+    seen = np.isfinite(old) & np.isfinite(new)  # a pose that one of them cannot reach says nothing of their errors
+    return replace(explanation, held_out=(float(np.sum(old[seen] ** 2)), float(np.sum(new[seen] ** 2))))
 
 
 def with_effects(model: Model, added: Sequence[FittedEffect]) -> Model:
