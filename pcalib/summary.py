@@ -9,8 +9,6 @@ import numpy as np
 from pcalib import units, wording
 from pcalib.fitting.identification import Accuracy, Fit
 
-AT_THE_NOISE = 1.15
-"""Times the σ up to which residuals are called noise."""
 _OVERSTATED = 0.5
 """χ² per degree of freedom below which σ is doubted."""
 
@@ -126,13 +124,13 @@ def statistics(fit: Fit) -> dict[str, Any]:
     return found
 
 
-def _noise(chi2_dof: float, said: str) -> str:
+def _noise(a: Accuracy, said: str) -> str:
     """How χ² per degree of freedom compares with the σ that is 'stated' or 'assumed'."""
-    ratio = np.sqrt(chi2_dof)
-    if chi2_dof < _OVERSTATED:
+    if a.chi2_dof < _OVERSTATED:
         return f"far below the {said} noise: σ overstated?"
-    if ratio >= AT_THE_NOISE:
-        return f"{ratio:.1f}× the {said} noise"
+    if not a.at_the_noise:
+        ratio = np.sqrt(a.chi2_dof)
+        return f"{ratio:.2g}× the {said} noise" if ratio < 10 else f"{ratio:.0f}× the {said} noise"
     return "at the noise" if said == "stated" else "at the assumed noise"
 
 
@@ -140,7 +138,7 @@ def headline(fit: Fit) -> str:
     """The outcome in one sentence."""
     a = fit.fit
     text = f"Level {fit.candidate.level} explains {a.n_rows} poses to {wording.size(a.rms_pos)} RMS"
-    notes = [_noise(a.chi2_dof, "stated" if fit.sigma_stated else "assumed")] if np.isfinite(a.chi2_dof) else []
+    notes = [_noise(a, "stated" if fit.sigma_stated else "assumed")] if np.isfinite(a.chi2_dof) else []
     if np.isfinite(fit.left_out):
         notes.append(f"rotations left out: {wording.deviation(a.rms_rot, 'rad')} RMS, {fit.left_out:.1f}× their σ")
     if notes:

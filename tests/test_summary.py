@@ -9,6 +9,7 @@ import pytest
 
 from pcalib import summary
 from pcalib.fitting import identification
+from pcalib.fitting.identification import Accuracy
 from pcalib.model import Model
 
 
@@ -49,3 +50,10 @@ def test_noise_is_called_what_it_is(truth, measure):
         for stated, text in zip((True, False), words, strict=True):
             found = identification.fit(replace(data, sigma_stated=stated), truth.robot)
             assert text in summary.headline(found)
+
+
+@pytest.mark.parametrize(("ratio", "dof", "noise"), [(1.13, 20, True), (1.13, 660, False), (1.04, 5000, True)])
+def test_many_readings_tell_noise_from_a_little_more(ratio, dof, noise):
+    """Within three of its own σ, or the five per cent to which nobody knows an instrument's σ."""
+    found = Accuracy(2e-5, 5e-5, 1e-4, ratio**2, dof, 100)
+    assert found.at_the_noise == noise

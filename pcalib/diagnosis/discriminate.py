@@ -229,8 +229,7 @@ def _rows(
     p = prediction.predict(model, q, conditions)
     point = Point.of(model, p, conditions)
     parts = [prediction.geometry_columns(model, p, point.closure, point.JX, unknowns.basis)]
-    own = [c for f in model.effects for c in effects.basis(f.effect, point.situation, f.theta)]
-    parts.append(point.columns(own))
+    parts.append(point.columns(prediction.unit_contributions(model, point.situation)))
     if unknowns.n_frame:
         parts.append(prediction.frame_columns(model, p))
     parts = [np.concatenate(parts, axis=-1) * unknowns.scale * spread(model, unknowns)]

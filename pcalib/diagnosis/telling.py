@@ -16,7 +16,6 @@ from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
 from pcalib.diagnosis.verdict import in_words
 from pcalib.fitting.identification import Accuracy, Fit
-from pcalib.summary import AT_THE_NOISE
 from pcalib.wording import angle, clipped, deviation, size
 
 HOT = 0.05
@@ -299,7 +298,7 @@ def step_sentence(step: Step) -> str:
     if gain <= SURE:
         return text + (": worse, drop it again." if gain < -SURE else ": no difference beyond chance.")
     left = np.sqrt(b.fit.chi2_dof)
-    if left < AT_THE_NOISE or not np.isfinite(left):
+    if b.fit.at_the_noise or not np.isfinite(left):
         return text + ": confirmed."
     return (
         f"{text}: better, but {left:.1f} times the stated noise is left. "

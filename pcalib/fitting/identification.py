@@ -53,8 +53,15 @@ class Accuracy:
     rms_rot: float
     """[rad]; NaN without rotations."""
     chi2_dof: float
-    """Of the readings that the level can explain."""
+    """Of the readings that the level can explain; NaN where none is to spare."""
+    dof: float
+    """Readings behind it, less what the fit took up."""
     n_rows: int
+
+    @property
+    def at_the_noise(self) -> bool:
+        """Whether such residuals are what noise of the given σ leaves: within 3 of its σ, or 5 %."""
+        return bool(np.sqrt(self.chi2_dof) < 1 + max(3 / np.sqrt(2 * max(self.dof, 1)), 0.05))
 
 
 @dataclass(frozen=True)
@@ -317,6 +324,7 @@ def accuracy(error: np.ndarray, sigma: np.ndarray, explained: np.ndarray, parame
         max_pos=float(np.sqrt(length2.max())) if len(length2) else float("nan"),
         rms_rot=float(np.sqrt(angle2.mean())) if len(angle2) else float("nan"),
         chi2_dof=chi2 / dof if dof > 0 else float("nan"),
+        dof=dof,
         n_rows=int((~np.isnan(error).all(axis=1)).sum()),
     )
 
