@@ -33,7 +33,7 @@ from pcalib.effects import Contribution, EffectParameter
 class {classname}:
     name = "{name}"
     parameters = (EffectParameter("amplitude", "urad", 1e-4),)  # name, unit that is shown, usual size in SI
-    needs = ()  # columns of the data that it uses, e.g. ("humidity",): at.columns["humidity"]
+    needs = ()  # columns of the data that it uses, e.g. ("humidity",): at.column("humidity")
 
     def contribution(self, at, theta):
         """Added to each motor angle [rad], nothing at theta = 0; `at` also has torque, tension, payload, pose."""

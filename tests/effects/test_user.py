@@ -66,7 +66,7 @@ def test_basis_of_a_linear_and_a_nonlinear_one(tmp_path):
 def test_columns_of_the_data_reach_it(tmp_path):
     spec = write(
         tmp_path,
-        'return Contribution(rod=theta[0] * at.columns["humidity"][:, None] * np.ones((1, 6)))',
+        'return Contribution(rod=theta[0] * at.column("humidity")[:, None] * np.ones((1, 6)))',
         needs='("humidity",)',
     )
     effect = effects.parse(spec, ROBOT)

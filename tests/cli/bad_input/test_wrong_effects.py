@@ -35,5 +35,5 @@ def test_effects_of_the_users_own(slip, cell, each_refused):
 
 def test_an_effect_without_its_column(cell, each_refused):
     text = (cell / "mine.py").read_text().replace("needs = ()", 'needs = ("humidity",)')
-    (cell / "bad.py").write_text(text.replace("at.q)", 'at.q) * at.columns["humidity"][:, None]'))
+    (cell / "bad.py").write_text(text.replace("at.q)", 'at.q) * at.column("humidity")[:, None]'))
     each_refused("effect", "bad.py", "humidity", "", but="diagnose|effect check")
