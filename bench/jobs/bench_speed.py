@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from cyclopts import App, Parameter
 
 from bench import faults, kinds, simulate
 from bench import plan as plans
@@ -209,12 +208,7 @@ def median(work: Callable[[], object], runs: int, clock: Callable[[], float] = t
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    program = App(
-        name="benchmark_bench", help_format="plaintext", version_flags=[], result_action="return_value",
-        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
-    )  # fmt: skip
-    program.default(command)
-    return frame.run(program, argv)
+    return frame.script("benchmark_bench", command, argv)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
 from bench import kinds
 from bench.batch import BatchMachine
@@ -215,12 +215,7 @@ def apart(robot: Robot, a: np.ndarray, b: np.ndarray) -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    program = App(
-        name="benchmark", help_format="plaintext", version_flags=[], result_action="return_value",
-        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
-    )  # fmt: skip
-    program.default(command)
-    return frame.run(program, argv)
+    return frame.script("benchmark", command, argv)
 
 
 if __name__ == "__main__":

@@ -125,6 +125,16 @@ def app(name: str, package: str, path: Iterable[str], description: str, examples
     return program
 
 
+def script(name: str, command: Callable[..., int | None], argv: Sequence[str] | None = None) -> int:
+    """Run a program of one command; returns the exit code."""
+    program = App(
+        name=name, help_format="plaintext", version_flags=[], result_action="return_value",
+        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
+    )  # fmt: skip
+    program.default(command)
+    return run(program, argv)
+
+
 def run(program: App, argv: Sequence[str] | None = None) -> int:
     """Run a program and return its exit code; every error that was raised on purpose is one message on stderr."""
     try:

@@ -17,8 +17,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cyclopts import App, Parameter
-
 from pcalib.cli import frame
 from pcalib.errors import InputError
 
@@ -120,12 +118,7 @@ def command(spec: Path = SPEC, /, *, robots: int = 100, quick: bool = False) -> 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    program = App(
-        name="campaign_profile", help_format="plaintext", version_flags=[], result_action="return_value",
-        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
-    )  # fmt: skip
-    program.default(command)
-    return frame.run(program, argv)
+    return frame.script("campaign_profile", command, argv)
 
 
 if __name__ == "__main__":

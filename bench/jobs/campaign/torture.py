@@ -20,8 +20,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from cyclopts import App, Parameter
-
 from pcalib.cli import frame
 
 SPEC = """
@@ -115,12 +113,7 @@ def _digest(folder: Path) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    program = App(
-        name="campaign_torture", help_format="plaintext", version_flags=[], result_action="return_value",
-        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
-    )  # fmt: skip
-    program.default(command)
-    return frame.run(program, argv)
+    return frame.script("campaign_torture", command, argv)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from cyclopts import App, Parameter
 
 from bench.jobs.diagnosis_benchmark import cells as asked
 from bench.jobs.diagnosis_benchmark import figures, trial
@@ -151,12 +150,7 @@ def _show_power(title: str, curves: Mapping[str, Sequence[tuple[float, float, fl
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    program = App(
-        name="diagnosis_benchmark", help_format="plaintext", version_flags=[], result_action="return_value",
-        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
-    )  # fmt: skip
-    program.default(command)
-    return frame.run(program, argv)
+    return frame.script("diagnosis_benchmark", command, argv)
 
 
 if __name__ == "__main__":

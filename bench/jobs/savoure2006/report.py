@@ -7,8 +7,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from cyclopts import App, Parameter
-
 from bench.jobs.savoure2006 import figures, study, trial
 from pcalib.cli import frame
 from pcalib.errors import InputError
@@ -100,12 +98,7 @@ def _table(title: str, methods: Sequence[trial.Method], columns: Sequence[Column
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    program = App(
-        name="reproduce_savoure2006", help_format="plaintext", version_flags=[], result_action="return_value",
-        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
-    )  # fmt: skip
-    program.default(command)
-    return frame.run(program, argv)
+    return frame.script("reproduce_savoure2006", command, argv)
 
 
 if __name__ == "__main__":
