@@ -44,6 +44,14 @@ def command(
     calibrated, measured, own = read(model, data, effect_file)
     found = compare(calibrated, measured, own)
     write_json(json, results.comparison_json(found))
+    if report is not None:  # before anything is printed: a closed pipe loses no file
+        from pcalib.diagnosis import page
+
+        page.write_comparison(report, calibrated, measured, found)
+    if rrd is not None:
+        from pcalib.diagnosis import recording
+
+        recording.write_comparison(rrd, calibrated, measured, own, effect_file)
     say(telling.comparison_sentence(found))
     print()
     rows: list[tuple[str, Accuracy, float | None]] = [("fit", found.fit, found.times_noise[0])]
@@ -79,14 +87,8 @@ def command(
     else:
         say("No place stands out.")
     if report is not None:
-        from pcalib.diagnosis import page
-
-        page.write_comparison(report, calibrated, measured, found)
         say(f"Report written to {report}.")
     if rrd is not None:
-        from pcalib.diagnosis import recording
-
-        recording.write_comparison(rrd, calibrated, measured, own, effect_file)
         say(f"Recording written to {rrd}.")
     return None
 

@@ -50,11 +50,12 @@ def command(
     calibrated, measured, own = read(model, data, effect_file)
     found = diagnose(calibrated, measured, own, largest=most, seed=seed)
     write_json(json, results.diagnosis_json(found))
-    show(found)
-    if report is not None:
+    if report is not None:  # before anything is printed: a closed pipe loses no file
         from pcalib.diagnosis import page
 
         page.write_diagnosis(report, calibrated, found)
+    show(found)
+    if report is not None:
         say(f"Report written to {report}.")
     return None
 

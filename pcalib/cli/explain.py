@@ -41,6 +41,10 @@ def command(
     calibrated, measured, own = read(model, data, effect_file)
     found = evidence(calibrated, measured, effect, own)
     write_json(json, results.evidence_json(found))
+    if plot is not None:  # before anything is printed: a closed pipe loses no file
+        from pcalib.diagnosis import figures
+
+        figures.save(plot, figures.evidence(found))
     say(telling.evidence_sentence(found))
     print()
     for line in telling.evidence_lines(found):
@@ -49,8 +53,5 @@ def command(
         print()
         show_table(telling.BEFORE_AFTER, telling.before_after(found.before, found.after))
     if plot is not None:
-        from pcalib.diagnosis import figures
-
-        figures.save(plot, figures.evidence(found))
         say(f"Drawn to {plot}.")
     return None

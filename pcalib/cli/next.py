@@ -53,6 +53,7 @@ def command(
     """
     from pcalib import units
     from pcalib.cli._inputs import read
+    from pcalib.data import table
     from pcalib.diagnosis import discriminate
     from pcalib.diagnosis.problem import problem
     from pcalib.errors import InputError
@@ -79,15 +80,7 @@ def command(
         raise InputError("--payload: a payload cannot be negative", remedy="write e.g. 2kg")
     options = discriminate.Options(payloads=payloads or None, tools=np.array(tools) if tools else None, seed=seed)
     found = discriminate.plan(problem(calibrated, measured, own), rivals, n, options)
-    say(found.sentence())
     columns = discriminate.table(calibrated.robot, found)
-    shown, alike = _grouped(columns)
-    show_table(
-        ("row", *shown, "s so far"),
-        [(i + 1, *(cells[i] for cells in shown.values()), f"{after:.1f}") for i, after in enumerate(found.after)],
-    )
-    if alike:
-        say(f"The same in all rows: {', '.join(alike)}.")
     write_json(
         json,
         {
@@ -95,10 +88,17 @@ def command(
             "s_more_of_the_same": found.more_of_the_same, "enough": found.enough, "rows": columns,
         },
     )  # fmt: skip
-    if output is not None:
-        from pcalib.data import table
-
+    if output is not None:  # before anything is printed: a closed pipe loses no file
         table.write(output, columns, {"robot": calibrated.robot.name})
+    say(found.sentence())
+    shown, alike = _grouped(columns)
+    show_table(
+        ("row", *shown, "s so far"),
+        [(i + 1, *(cells[i] for cells in shown.values()), f"{after:.1f}") for i, after in enumerate(found.after)],
+    )
+    if alike:
+        say(f"The same in all rows: {', '.join(alike)}.")
+    if output is not None:
         say(f"{len(found.q)} rows written to {output}.")
     return None
 

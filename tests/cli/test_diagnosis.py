@@ -154,6 +154,31 @@ def test_the_model_is_written_before_anything_is_printed(run, folder, monkeypatc
     assert [f.spec for f in modelfile.load(folder / "piped.toml").effects] == ["drive_compliance"]
 
 
+@pytest.mark.parametrize(
+    ("command", "written"),
+    [
+        ("compare data.csv -m m.toml", "--report --rrd"),
+        ("diagnose data.csv -m m.toml", "--report --json"),
+        ("explain backlash data.csv -m m.toml", "--plot --json"),
+        ("next data.csv -m m.toml --between backlash,gear_ratio -n 2", "-o --json"),
+    ],
+)
+def test_files_are_written_before_anything_is_printed(run, folder, monkeypatch, command, written):
+    """Whoever reads the first line only, and closes the pipe, has them all."""
+
+    def gone(*_):
+        raise KeyboardInterrupt
+
+    name, *argv = command.split()
+    suffix = {"--report": ".html", "--rrd": ".rrd", "--json": ".json", "--plot": ".svg", "-o": ".csv"}
+    files = [folder / f"{name}{option.strip('-')}{suffix[option]}" for option in written.split()]
+    for option, file in zip(written.split(), files, strict=True):
+        argv += [option, file]
+    monkeypatch.setattr(f"pcalib.cli.{name}.say", gone)
+    assert run(name, *argv)[0] == 130
+    assert all(file.stat().st_size > 100 for file in files)
+
+
 def test_next_plans_what_tells_rivals_apart(run, folder):
     argv = (
         "next",
