@@ -16,9 +16,10 @@ from pcalib.diagnosis.screen import Screen, outside
 
 ALPHA = 0.05
 """Share of false alarms that is allowed for, over everything that was looked at."""
-AGAINST = 0.02
-"""Level at which data speak against an explanation: the share of true ones that may be dropped. It is lower than that
-of alarms, because a rival that stays for nothing costs a few more poses, a cause that is dropped costs the truth."""
+AGAINST = (0.02, 0.05)
+"""Levels at which data speak against an explanation, a single one and a larger one: the share of true ones that may be
+dropped. A single rival that stays for nothing costs a few more poses, a cause that is dropped costs the truth. Pairs
+are ten times as many, and each is one more chance to pass for what no library lists."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ def adequate_sets(
     screen: Screen,
     candidates: Sequence[int],
     size: int,
-    level: float = AGAINST,
+    level: float,
     reference: float | None = None,
     names: Sequence[str] | None = None,
     feasible: Callable[[tuple[int, ...]], bool] = lambda chosen: True,

@@ -100,7 +100,7 @@ def diagnose(
     n_draws: int = N_DRAWS,
     seed: int = 0,
     without: Sequence[str] = (),
-    against: float = AGAINST,
+    against: tuple[float, float] = AGAINST,
 ) -> Diagnosis:
     """Which effect is missing from a model.
 
@@ -110,7 +110,7 @@ def diagnose(
         alpha: false alarms allowed for, over everything that is looked at.
         n_draws: Monte-Carlo draws of pure noise.
         without: names of effects that are not considered, because they are known not to be there.
-        against: share of true explanations that may be dropped.
+        against: share of true explanations that may be dropped, single ones and larger ones.
 
     Raises:
         InputError: too few readings to say anything.
@@ -128,7 +128,7 @@ def diagnose(
     start = adequacy.p_values(screen)
     null = adequacy.null_distribution(screen)
     critical = float(np.quantile(null, alpha))
-    levels = (alpha, *[against] * largest)
+    levels = (alpha, against[0], *[against[1]] * (largest - 1))[: largest + 1]
     sets = _explanations(_World((), made, screen, null), data, own, levels, n_draws, seed, without)
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)

@@ -11,6 +11,7 @@ from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.screen import Group, Noise, screen
 
 M = 120
+LEVEL = adequacy.AGAINST[0]
 
 
 def build(seed, theta=None, dof=np.inf, noise=1.0, n_draws=600):
@@ -44,7 +45,7 @@ def sets(made, largest=2):
     if adequacy.is_adequate(made, ()):
         return {()}
     for size in range(1, largest + 1):
-        if found := adequacy.adequate_sets(made, range(6), size):
+        if found := adequacy.adequate_sets(made, range(6), size, adequacy.AGAINST[size > 1]):
             return {tuple(made.names[g] for g in s) for s in found}
     return set()
 
@@ -128,11 +129,11 @@ def test_the_best_of_many_tried_is_held_to_more():
 def test_infeasible_sets_are_left_out_and_of_variants_the_first_is_kept():
     made = build(0, {"a": 7.0})
     a, alias = made.names.index("a"), made.names.index("alias of a")
-    assert {(a,), (alias,)} <= set(adequacy.adequate_sets(made, range(6), 1))
-    assert (a,) not in adequacy.adequate_sets(made, range(6), 1, feasible=lambda s: a not in s)
+    assert {(a,), (alias,)} <= set(adequacy.adequate_sets(made, range(6), 1, LEVEL))
+    assert (a,) not in adequacy.adequate_sets(made, range(6), 1, LEVEL, feasible=lambda s: a not in s)
     variants = ["a" if name.endswith("a") else name for name in made.names]
-    assert [s for s in adequacy.adequate_sets(made, range(6), 1, names=variants) if s[0] in (a, alias)] == [(a,)]
-    assert not any({a, alias} <= set(s) for s in adequacy.adequate_sets(made, range(6), 2, names=variants))
+    assert [s for s in adequacy.adequate_sets(made, range(6), 1, LEVEL, names=variants) if s[0] in (a, alias)] == [(a,)]
+    assert not any({a, alias} <= set(s) for s in adequacy.adequate_sets(made, range(6), 2, LEVEL, names=variants))
 
 
 def test_what_takes_up_nothing_explains_nothing():
@@ -141,8 +142,8 @@ def test_what_takes_up_nothing_explains_nothing():
     c, d = made.names.index("c"), made.names.index("d")
     assert adequacy.explains(made, (c,))
     assert not adequacy.explains(made, (d,)) and not adequacy.explains(made, (c, d))
-    assert adequacy.is_adequate(made, (c, d), adequacy.AGAINST)
-    kept = adequacy.adequate_sets(made, range(6), 2)
+    assert adequacy.is_adequate(made, (c, d), LEVEL)
+    kept = adequacy.adequate_sets(made, range(6), 2, LEVEL)
     assert (c, d) not in kept
     both = build(2, {"c": 7.0, "d": 7.0})
     assert adequacy.explains(both, (c, d))
