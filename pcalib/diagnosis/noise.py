@@ -66,7 +66,12 @@ class NoiseLevel:
         if self.sigma_q:
             said += f" (part of it from joints that repeat to {self.sigma_q * 1e6:.2g} {joint_unit})"
         if self.source == "replicates":
-            return f"Noise {said} per component, from replicates."
+            few = [
+                f"; of {what} too few are repeated, so that theirs is {'as stated' if self.stated else 'assumed'}"
+                for what, value, nu in zip(("positions", "rotations"), _total(self), self.dof, strict=True)
+                if np.isfinite(value) and not np.isfinite(nu)
+            ]
+            return f"Noise {said} per component, from replicates{''.join(few)}."
         if self.source == "residuals":
             return (
                 f"Noise not verified by replicates: {said} per component is what no effect and no pattern explains. "
@@ -209,19 +214,21 @@ def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
             F = (b / a) ** 2
             if 2 * min(fdtr(nu_b, nu_a, F), fdtrc(nu_b, nu_a, F)) < AGREE:
                 return repeated
-    known = np.isfinite(repeated.dof)
-    dof = np.where(known, repeated.dof + rest.dof, np.inf)
+    # Of a class that one of them does not know the other decides.
+    weights = np.where(np.isfinite([repeated.dof, rest.dof]), [repeated.dof, rest.dof], 0.0)
+    known = weights.any(axis=0)
+    dof = np.where(known, weights.sum(axis=0), np.inf)
     if (repeated.sigma_q > 0) == (rest.sigma_q > 0):
-        share = np.where(known, repeated.dof / np.where(known, dof, 1.0), 1.0)
+        share = np.where(known, weights[0] / np.where(known, dof, 1.0), 1.0)
         ratio = np.sqrt(share * repeated.ratio**2 + (1 - share) * rest.ratio**2)
         both = share[known].mean()
         sigma_q = float(np.sqrt(both * repeated.sigma_q**2 + (1 - both) * rest.sigma_q**2))
     else:  # the larger sample decides whether joints show
-        larger = rest if np.sum(rest.dof[known]) > np.sum(repeated.dof[known]) else repeated
+        larger = rest if weights[1].sum() > weights[0].sum() else repeated
         ratio, sigma_q = larger.ratio, larger.sigma_q
     pos, rot = (
-        float(np.sqrt((a * x**2 + b * y**2) / (a + b))) if np.isfinite(a) else x
-        for x, y, a, b in zip(_total(repeated), _total(rest), repeated.dof, rest.dof, strict=True)
+        float(np.sqrt((a * x**2 + b * y**2) / (a + b))) if a + b else x
+        for x, y, a, b in zip(_total(repeated), _total(rest), *weights, strict=True)
     )
     return replace(repeated, ratio=ratio, dof=dof, sigma_q=sigma_q, sigma_pos=pos, sigma_rot=rot, pooled=True)
 
@@ -238,19 +245,22 @@ def _solve(
     dof: np.ndarray,
     enough: int,
 ) -> NoiseLevel | None:
-    """Variances θ from their normal equations; joint repeatability only where it is clearly there."""
+    """Variances θ from their normal equations; joint repeatability only where it is clearly there.
+
+    A class of which too little is known keeps its stated σ; None where that is so of all.
+    """
     seen = np.array([blocks.measured[:, :3].any(), blocks.measured[:, 3:].any()])
-    if (dof[seen] < enough).any():
+    plain, held = np.flatnonzero(seen & (dof >= enough)), np.flatnonzero(seen & (dof < enough))
+    if not len(plain):
         return None
-    plain = np.flatnonzero(seen)
     S = blocks.components()
     part = [slice(0, 3), slice(3, 6)]
     # (2, 3) noise variance of each class, on average over its readings, per unit of each component
     share = np.array([
         [np.trace(S[k][:, p, p], axis1=1, axis2=2).sum() for k in range(3)] for p in part
     ]) / np.maximum([[blocks.measured[:, p].sum()] for p in part], 1)  # fmt: skip
-    found = _scored(normal, plain, share[:, 2])
-    joint = _scored(normal, np.r_[plain, 2], share[:, 2])
+    found = _scored(normal, plain, held, share[:, 2])
+    joint = _scored(normal, np.r_[plain, 2], held, share[:, 2])
     # Equations that do not depend on θ (MINQUE) state its doubt for noise of size 1.
     stated_for_one = source == "residuals"
     size = joint[0][:2].max() + joint[0][2] if joint is not None and stated_for_one else 1.0
@@ -272,22 +282,27 @@ def _solve(
 
 
 def _scored(
-    normal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], chosen: np.ndarray, joint_share: np.ndarray
+    normal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    chosen: np.ndarray,
+    held: np.ndarray,
+    joint_share: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(3,) variances after a few scoring steps, and half their covariance; None where they have no solution.
 
     Args:
+        chosen, held: components that are estimated, and those that stay 1; the rest is 0.
         joint_share: (2,) noise variance of each class per unit of the joints' component.
     """
     theta = np.zeros(3)
-    theta[chosen] = 1.0
+    theta[chosen] = theta[held] = 1.0
+    classes = chosen[chosen < 2]
     A = np.eye(len(chosen))
     for _ in range(40):
         before = theta.copy()
         try:
             full, b = normal(theta)
             A = full[np.ix_(chosen, chosen)]
-            theta[chosen] = np.linalg.solve(A, b[chosen])
+            theta[chosen] = np.linalg.solve(A, b[chosen] - full[np.ix_(chosen, held)].sum(axis=1))
         except np.linalg.LinAlgError:
             return None
         if not np.isfinite(theta).all():
@@ -295,7 +310,7 @@ def _scored(
         # A share that is not there tends to zero and never below; each class has a scale of its own. Where joints make
         # nearly all the noise of a class the instrument's share is small, not nothing.
         theta[chosen] = np.maximum(theta[chosen], 0.02 * before[chosen])
-        theta[:2] = np.where(theta[:2] > 0, np.maximum(theta[:2], 0.02 * joint_share * theta[2]), 0.0)
+        theta[classes] = np.maximum(theta[classes], 0.02 * joint_share[classes] * theta[2])
         if not theta.max() > 0:
             return None
         if np.all(np.abs(theta - before) < 1e-3 * theta + _NOTHING * theta.max()):

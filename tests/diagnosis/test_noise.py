@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pcalib.data import replicates
 from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis import outliers
 from pcalib.diagnosis.problem import problem
@@ -161,6 +162,19 @@ class TestVarianceComponents:
         T = noises.whitener(level, made)
         sigma = np.diag([1.5**2] * 3 + [0.5**2] * 3) + (4e-5) ** 2 * made.joint[7] @ made.joint[7].T
         np.testing.assert_allclose(T[7] @ sigma @ T[7].T, np.eye(6), atol=1e-10)
+
+    def test_a_few_rotations_do_not_cost_the_replicates_of_positions(self, measured):
+        """A class of which too little is known keeps its stated σ, and the sentence says so."""
+        rows, model = measured()
+        group = replicates.groups(rows)
+        few = np.flatnonzero((group >= 0) & ~rows.check)[:6]
+        mask, turn = rows.mask.copy(), np.full_like(rows.rotation, np.nan)
+        mask[:, 3:] = False
+        mask[few, 3:], turn[few] = True, rows.rotation[few]
+        level = problem(model, replace(rows, mask=mask, rotation=turn)).noise
+        assert level.verified and level.dof[0] > 100 and np.isinf(level.dof[1])
+        assert level.ratio[0] == pytest.approx(1.0, abs=0.1) and level.ratio[1] == 1.0
+        assert "of rotations too few are repeated" in level.sentence()
 
     def test_too_few_replicates_are_none(self, data):
         few = data.take(slice(0, 4))
