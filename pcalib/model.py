@@ -78,6 +78,8 @@ class Model:
     """(nk,) 1σ of k from the fit; NaN where the level does not free a parameter."""
     options: FitOptions = FitOptions()
     """How it was fitted."""
+    time_origin: float | None = None
+    """[s] reading of the data's clock from which effects count time: that of the first row that was fitted."""
     history: tuple[Mapping[str, Any], ...] = ()
     """One entry per step (fit, add, drop), oldest first, each with what is needed to go back to it."""
 

@@ -51,6 +51,8 @@ def dumps(model: Model, statistics: Mapping[str, Any] | None = None) -> str:
         table["statistics"] = {k: _plain(v) for k, v in statistics.items() if v is not None}
     if options := _options_table(model.options):
         table["options"] = options
+    if model.time_origin is not None:
+        table["time_origin_s"] = model.time_origin
     table["effects"] = [_effect_table(f) for f in model.effects]
     if model.frame is not None:
         table["frame"] = _frame_table(model.frame)
@@ -122,7 +124,8 @@ def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
     frame = _frame_from(_table(table, "frame")) if "frame" in table else None
     known = sigma if np.isfinite(sigma).any() else None
     options = _options_from(_table(table, "options")) if "options" in table else FitOptions()
-    return Model(described, k, _level(table, mechanism), effects, frame, known, options, _history(table))
+    origin = _number(table, "time_origin_s", "model") if "time_origin_s" in table else None
+    return Model(described, k, _level(table, mechanism), effects, frame, known, options, origin, _history(table))
 
 
 def _history(table: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
@@ -141,6 +144,8 @@ def _history(table: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
 def snapshot(model: Model, action: str, **figures: Any) -> dict[str, Any]:
     """A history entry: what was done, what came out, and the values to go back to."""
     entry: dict[str, Any] = {"action": action, "level": model.level, **figures}
+    if options := _options_table(model.options):
+        entry["options"] = options
     entry["k_si"] = model.k.tolist()
     entry["effects"] = [_effect_table(f) for f in model.effects]
     if model.frame is not None:
@@ -156,6 +161,7 @@ def restore(model: Model, entry: Mapping[str, Any], effect_files: Sequence[str] 
         level=_level(entry, model.robot.mechanism),
         effects=tuple(_effect_from(e, model.robot, list(effect_files)) for e in _tables(entry, "effects")),
         frame=_frame_from(_table(entry, "frame")) if "frame" in entry else None,
+        options=_options_from(_table(entry, "options", "history entry: ")) if "options" in entry else FitOptions(),
         sigma=None,
     )
 

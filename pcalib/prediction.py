@@ -94,9 +94,14 @@ def situation(model: Model, q: np.ndarray, pose: Pose, conditions: Conditions, d
         measured = point @ model.frame.rotation.T + model.frame.translation
     return Situation(
         robot=model.robot, q=q, pose=pose, rods=at.n, arms=at.side.dA, tension=loads.tension, torque=loads.torque,
-        tool=conditions.tool, payload=conditions.payload, columns=conditions.columns, k=model.k,
-        position=measured, partners=tuple((f.effect, f.theta) for f in model.effects),
+        tool=conditions.tool, payload=conditions.payload, columns=_since(model.time_origin, conditions.columns),
+        k=model.k, position=measured, partners=tuple((f.effect, f.theta) for f in model.effects),
     )  # fmt: skip
+
+
+def _since(origin: float | None, columns: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    """The columns with time counted from an origin: a clock may read seconds of the day, or since 1970."""
+    return columns if not origin or "time" not in columns else {**columns, "time": columns["time"] - origin}
 
 
 def contributions(model: Model, at: Situation, solved: np.ndarray | None = None) -> Contribution:

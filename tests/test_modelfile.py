@@ -77,6 +77,15 @@ def test_how_it_was_fitted_is_kept(model):
     assert modelfile.loads(modelfile.dumps(model)).options == FitOptions()
 
 
+def test_going_back_brings_back_how_a_step_was_fitted(model):
+    held = replace(model, options=FitOptions(fixed=("l11",)), time_origin=3600.0)
+    steps = [modelfile.snapshot(m, "fit") for m in (held, replace(held, options=FitOptions(loss="huber")))]
+    back = modelfile.loads(modelfile.dumps(replace(held, options=FitOptions("base"), history=tuple(steps))))
+    assert back.time_origin == 3600.0
+    assert modelfile.restore(back, back.history[0]).options == FitOptions(fixed=("l11",))
+    assert modelfile.restore(back, back.history[1]).options == FitOptions(loss="huber")
+
+
 def test_a_bare_model_stays_bare(delta, perturb):
     bare = Model.nominal(delta).with_geometry(perturb(41))
     back = modelfile.loads(modelfile.dumps(bare))
@@ -210,6 +219,7 @@ BROKEN = {
     "frame is short": (put("frame", "translation_mm", [1.0, 2.0]), "frame: translation_mm must be 3"),
     "frame is not finite": (put("frame", "rotation_deg", [0.0, float("nan"), 0.0]), "frame"),
     "frame lacks a key": (drop("frame", "target_offset_mm"), "frame"),
+    "time is text": (put("time_origin_s", "noon"), "time_origin_s must be a finite number"),
     "options are text": (put("options", "all"), "options is missing, or is no table"),
     "option unknown": (put("options", {"speed": 1}), "unknown key 'speed'"),
     "method unknown": (put("options", {"method": "guess"}), "unknown method 'guess'"),

@@ -163,6 +163,8 @@ def fit(
     how = _options(model, level, {name: value for name, value in said.items() if value is not None})
     method, loss = how.method, how.loss
     model = replace(model, level=level, effects=tuple(effects) or model.effects, options=how)
+    if model.time_origin is None and "time" in data.columns:
+        model = replace(model, time_origin=float(np.min(data.columns["time"])))
     if not weighted:
         data = replace(data, sigma=data.sigma[:, :1] * np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3]))
     tracker = data.frame == "tracker"

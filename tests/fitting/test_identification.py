@@ -548,3 +548,18 @@ def test_json_of_a_fit_has_the_keys_of_the_contract(truth, measure):
     i, j = (truth.robot.mechanism.index(n) for n in ("b11.x", "p1.x"))
     C = found.covariance
     assert bp["sigma"] == pytest.approx(np.sqrt(C[i, i] + C[j, j] - 2 * C[i, j]))
+
+
+@pytest.mark.parametrize("start", [0.0, 36_000.0, 1.76e9], ids=["stopwatch", "ten in the morning", "Unix"])
+def test_a_drift_is_found_whatever_the_clock_reads(delta, perturb, measure, start):
+    """Time counts from the first row, as effects are promised; and a refit counts from where the first fit did."""
+    drift = FittedEffect(effects.get("base_drift", None, delta), np.array([5e-8, 0, 0, 0, 0, 0]), "base_drift")
+    truth = replace(Model(delta, perturb(5), "complete", (drift,)), time_origin=start)
+    time = start + 60.0 * np.arange(80)
+    data = measure(truth, 80, columns={"time": time}, check=np.arange(80) >= 60)
+    found = identification.fit(data, delta, effects=[replace(drift, theta=np.zeros(6))])
+    assert found.model.time_origin == start
+    np.testing.assert_allclose(found.model.effects[0].theta[0], 5e-8, rtol=0.2)
+    assert found.check is not None and found.check.chi2_dof < 1.6
+    later = data.take(np.arange(80) >= 20)
+    assert identification.fit(later, found.model).model.time_origin == start

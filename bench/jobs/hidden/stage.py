@@ -108,12 +108,7 @@ class Stage:
 
     def land(self, hidden: Sequence[Fault] = ()) -> Landing:
         """Where MuJoCo puts the robot for every row of the plan."""
-        commands = self.plan.commands
-        columns = dict(commands.columns)
-        if "time" in columns:
-            columns["time"] = columns["time"] - columns["time"][0]
-        asked = Commands(commands.q, commands.tool, commands.payload, columns)
-        return self.truth(hidden).machine().run(asked)
+        return self.truth(hidden).machine().run(self.plan.commands)
 
     def measure(self, hidden: Sequence[Fault], landing: Landing, seed: int) -> Measurements:
         """The data file of a landing: noise drawn afresh, σ stated as the design says."""
