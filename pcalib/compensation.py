@@ -17,6 +17,7 @@ from pcalib.errors import InputError, unknown
 from pcalib.mechanics import kinematics
 from pcalib.mechanics.kinematics import Solution
 from pcalib.mechanics.mechanism import Pose
+from pcalib.mechanics.workspace import oriented
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 
@@ -69,7 +70,10 @@ def compensate(
         status[(status == "ok") & ~inside.all(axis=1)] = "outside_joint_range"
         R = np.eye(3) if rotation_matrix is None else rotation_matrix
         centre = position - (R @ conditions.tool[..., None])[..., 0]
-        status[~robot.workspace.contains(centre)] = "outside_workspace"
+        within = robot.workspace.contains(centre)
+        if rotation_matrix is not None:
+            within &= oriented(robot, rotation_matrix)
+        status[~within] = "outside_workspace"
     return Commands(np.where((status == "ok")[:, None], found.q, np.nan), status)
 
 

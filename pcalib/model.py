@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -53,14 +53,10 @@ class FitOptions:
     prior: Mapping[str, float] = field(default_factory=dict)
     """1σ by unit ('m', 'rad', '1') or parameter name [SI]."""
 
-    def at_level(self, columns: Collection[str]) -> FitOptions:
-        """What of it concerns a geometry level with these parameters."""
-        return replace(
-            self,
-            fixed=tuple(name for name in self.fixed if name in columns),
-            bounds={name: both for name, both in self.bounds.items() if name in columns},
-            prior={name: sigma for name, sigma in self.prior.items() if name in columns or name in ("m", "rad", "1")},
-        )
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Parameters that it names, sorted."""
+        return tuple(sorted({*self.fixed, *self.bounds, *(p for p in self.prior if p not in ("m", "rad", "1"))}))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import tomli_w
 
 from pcalib import files, robot, rotation, units
 from pcalib.errors import EffectError, InputError, unknown
-from pcalib.mechanics.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Level, Mechanism
 from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Frame, Model
 
 SCHEMA = "pcalib.model/1"
@@ -123,9 +123,10 @@ def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
     effects = tuple(_effect_from(entry, described, effect_files) for entry in _tables(table, "effects"))
     frame = _frame_from(_table(table, "frame")) if "frame" in table else None
     known = sigma if np.isfinite(sigma).any() else None
-    options = _options_from(_table(table, "options")) if "options" in table else FitOptions()
+    level = _level(table, mechanism)
+    options = _options_from(table, mechanism.levels[level])
     origin = _number(table, "time_origin_s", "model") if "time_origin_s" in table else None
-    return Model(described, k, _level(table, mechanism), effects, frame, known, options, origin, _history(table))
+    return Model(described, k, level, effects, frame, known, options, origin, _history(table))
 
 
 def _history(table: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
@@ -155,13 +156,14 @@ def snapshot(model: Model, action: str, **figures: Any) -> dict[str, Any]:
 
 def restore(model: Model, entry: Mapping[str, Any], effect_files: Sequence[str] = ()) -> Model:
     """The model as it was after a history entry; the history itself stays."""
+    level = _level(entry, model.robot.mechanism)
     return replace(
         model,
         k=_vector(entry, "k_si", len(model.k), "history entry"),
-        level=_level(entry, model.robot.mechanism),
+        level=level,
         effects=tuple(_effect_from(e, model.robot, list(effect_files)) for e in _tables(entry, "effects")),
         frame=_frame_from(_table(entry, "frame")) if "frame" in entry else None,
-        options=_options_from(_table(entry, "options", "history entry: ")) if "options" in entry else FitOptions(),
+        options=_options_from(entry, model.robot.mechanism.levels[level]),
         sigma=None,
     )
 
@@ -175,7 +177,9 @@ def _options_table(options: FitOptions) -> dict[str, Any]:
     return _plain(out)
 
 
-def _options_from(table: Mapping[str, Any]) -> FitOptions:
+def _options_from(whole: Mapping[str, Any], level: Level) -> FitOptions:
+    """The section [options] of a model file or of a history entry; the defaults where there is none."""
+    table = _table(whole, "options") if "options" in whole else {}
     for key in table:
         if key not in (*_CHOICES, "fixed", "bounds_si", "prior_si"):
             raise InputError(f"options: {unknown('key', key, (*_CHOICES, 'fixed', 'bounds_si', 'prior_si'))}")
@@ -188,12 +192,19 @@ def _options_from(table: Mapping[str, Any]) -> FitOptions:
     if not isinstance(fixed, list) or not all(isinstance(name, str) for name in fixed):
         raise InputError("options: fixed is no list of names")
     bounds, prior = (_table(table, key, "options: ") if key in table else {} for key in ("bounds_si", "prior_si"))
-    return FitOptions(
+    out = FitOptions(
         **said,
         fixed=tuple(fixed),
         bounds={name: tuple(_vector(bounds, name, 2, "options: bounds_si").tolist()) for name in bounds},
         prior={name: _sigma(prior, name, "options: prior_si") for name in prior},
     )
+    for name in out.named:
+        if name not in level.columns:
+            raise InputError(f"options: {unknown(f'parameter of level {level.name}', name, level.columns)}")
+    for name, (low, high) in out.bounds.items():
+        if not low < high:
+            raise InputError(f"options: bounds_si: {name}: the low bound is not below the high one")
+    return out
 
 
 def _effect_table(fitted: FittedEffect) -> dict[str, Any]:

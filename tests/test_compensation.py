@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pcalib import effects, planning, prediction, rotation
+from pcalib import robot as robots
 from pcalib.compensation import METHODS, compensate
 from pcalib.errors import EffectError, InputError
 from pcalib.mechanics import kinematics
@@ -212,3 +214,14 @@ def test_statuses_with_effects(model, centres):
 def test_unknown_method(model, centres):
     with pytest.raises(InputError, match=r"unknown method 'exakt' .did you mean 'exact'"):
         compensate(model, centres, method="exakt")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_orientations_beyond_the_workspace_are_refused(method):
+    """Tilt and yaw of the workspace bound what is commanded, like its cylinder does."""
+    h4 = robots.load(Path(__file__).parents[1] / "models" / "h4.toml")
+    middle = np.array([[0.0, 0.0, 0.5 * (h4.workspace.z_min + h4.workspace.z_max)]] * 3)
+    yaw = np.array([0.9, 1.1, -1.3]) * h4.workspace.yaw
+    turned = rotation.about(np.array([0.0, 0.0, 1.0]), yaw)
+    status = compensate(Model.nominal(h4), middle, rotation_matrix=turned, method=method).status
+    assert status[0] == "ok" and (status[1:] == "outside_workspace").all()

@@ -17,7 +17,7 @@ from pcalib.diagnosis.noise import Blocks, NoiseLevel
 from pcalib.diagnosis.outliers import Outliers
 from pcalib.diagnosis.patterns import Pattern, patterns, ripple
 from pcalib.diagnosis.ripple import scanned
-from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, outside, screen
+from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, outside, screen, span
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
 from pcalib.fitting.sufficiency import require_reach
@@ -74,7 +74,7 @@ class Problem:
     @property
     def set_aside(self) -> np.ndarray:
         """Indices into `given` of the outliers that were left out."""
-        return np.zeros(0, int) if self.outliers.too_many else self.outliers.rows
+        return np.zeros(0, int) if self.outliers.kept else self.outliers.rows
 
     @property
     def classes(self) -> np.ndarray:
@@ -115,8 +115,9 @@ def problem(
     model = linearisation.seen_from(model, fit)
     made = _linearised(model, fit, own, without)
     if not all_rows:
-        odd = outliers.find(made.y, joint_span(made.nuisance, made.groups), made.row, len(fit))
-        if len(odd.rows) and not odd.too_many:
+        known = span(made.nuisance, NUISANCE)
+        odd = outliers.find(made.y, joint_span(made.nuisance, made.groups), made.row, len(fit), known)
+        if len(odd.rows) and not odd.kept:
             keep = np.ones(len(fit), bool)
             keep[odd.rows] = False
             made = replace(_linearised(model, fit.take(keep), own, without), outliers=odd, given=fit)

@@ -51,6 +51,10 @@ def sentence(found: Diagnosis) -> str:
         options = _or([" with ".join(n for n in e.names if n not in found.established) for e in found.sets])
         sure = f"{' and '.join(found.established)} in any case, and with it " if found.established else ""
         return f"Something is missing: {sure}{options}. These poses cannot tell which."
+    odd = found.problem.outliers
+    if odd.too_many and not hot_cells(found.cells):
+        what = "what the others leave over looks like noise" if not odd.kept else "too many to set them aside"
+        return f"{len(odd.rows)} of {len(found.problem.given)} rows are far from everything: look at them; {what}."
     hot = _where(found.cells)
     return f"Something is missing, and no effect of the library explains it. {hot}"
 
@@ -101,7 +105,7 @@ def far_rows(made: Problem) -> list[str]:
     if not len(odd.rows):
         return []
     lines = ", ".join(str(line) for line in sorted(made.given.lines[odd.rows[:8]])) + ", …" * (len(odd.rows) > 8)
-    if odd.too_many:
+    if odd.kept:
         return [f"Many rows are far from everything (first on lines {lines}); they were kept. Look at them."]
     many = len(odd.rows) > 1
     return [
@@ -236,11 +240,14 @@ def comparison_sentence(c: Comparison) -> str:
     text = f"Model and measurements differ by {_apart(c.fit, turned)} RMS, {times:.1f} times the noise"
     if held is not None and c.check is not None:
         text += f"; held-out poses by {_apart(c.check, turned)}, {held:.1f} times"
-    hot = hot_cells(c.cells)
+    hot, left = hot_cells(c.cells), c.misfit.times_noise
+    spare = f" for the {c.misfit.dof} readings to spare" if (hot or c.misfit.p < HOT) and times < 1 else ""
     if hot:
-        return f"{text}. More than noise: it shows in {place(hot[0])}."
+        return f"{text}. More than noise{spare}: it shows in {place(hot[0])}."
     if c.misfit.p < HOT:
-        return f"{text}. More than noise, but it follows none of the recorded variables."
+        return f"{text}. More than noise{spare}, but it follows none of the recorded variables."
+    if c.misfit.dof and times > MORE * left:
+        return f"{text}. The model does not fit these data; refitted to them it would leave {left:.1f} times noise."
     return f"{text}. No pattern stands out of the noise."
 
 

@@ -196,8 +196,13 @@ def fit(
 def _options(model: Model, level: str, said: Mapping[str, Any]) -> FitOptions:
     """What is said, and beside it how the model was fitted before."""
     levels = model.robot.mechanism.levels
-    before = model.options.at_level(levels[level].columns) if level in levels else model.options
-    out = replace(before, **said)
+    out = replace(model.options, **said)
+    kept = replace(model.options, **{name: getattr(FitOptions(), name) for name in said})
+    if level in levels and (lost := [name for name in kept.named if name not in levels[level].columns]):
+        raise InputError(
+            f"{', '.join(lost)}: held, bounded or with a prior at level {model.level}, which level {level} cannot do",
+            remedy=f"fit anew and say what holds there: pcalib fit --level {level} …",
+        )
     for value, names, what in ((out.method, METHODS, "method"), (out.loss, LOSSES, "loss")):
         if value not in names:
             raise InputError(unknown(what, value, names))

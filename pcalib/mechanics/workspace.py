@@ -25,15 +25,21 @@ class Candidates:
 def allowed(robot: Robot, q: np.ndarray, pose: Pose, status: np.ndarray) -> np.ndarray:
     """Which poses close, keep to the joint range and lie in the workspace (of the plate's origin C)."""
     inside = (q >= robot.joint_min - 1e-12).all(axis=-1) & (q <= robot.joint_max + 1e-12).all(axis=-1)
-    inside &= robot.workspace.contains(pose.x)
+    inside &= robot.workspace.contains(pose.x) & oriented(robot, pose.R)
+    return (status == "ok") & inside
+
+
+def oriented(robot: Robot, R: np.ndarray) -> np.ndarray:
+    """(N,) bool, which rotations (N, 3, 3) keep to the tilt and yaw of the workspace, where they are commanded."""
     commanded = {3, 4, 5} & set(robot.mechanism.task)
-    turn = rotation.to_quaternion(pose.R) if commanded else None
-    if turn is not None and 5 in commanded:
+    inside = np.ones(len(R), bool)
+    if 5 in commanded:
+        turn = rotation.to_quaternion(R)
         yaw = 2 * np.arctan2(turn[:, 3], turn[:, 0])
         inside &= np.abs(np.mod(yaw + np.pi, 2 * np.pi) - np.pi) <= robot.workspace.yaw + 1e-9
     if {3, 4} <= commanded:
-        inside &= np.arccos(np.clip(pose.R[:, 2, 2], -1, 1)) <= robot.workspace.tilt + 1e-9
-    return (status == "ok") & inside
+        inside &= np.arccos(np.clip(R[:, 2, 2], -1, 1)) <= robot.workspace.tilt + 1e-9
+    return inside
 
 
 def reachable(robot: Robot, n: int, rng: np.random.Generator) -> Candidates:

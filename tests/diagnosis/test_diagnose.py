@@ -321,6 +321,22 @@ def test_outliers_are_a_finding_and_do_not_decide(measured):
     assert any("far from everything" in line and str(int(data.lines[5])) in line for line in telling.details(found))
 
 
+def test_many_gross_rows_are_set_aside_and_nothing_passes_for_right(measured):
+    """One row in twelve is a finding of its own; the noise is that of the others, and what they show still counts."""
+    for hidden in ((), (("thermal_arms", 1.0),)):
+        data, model = measured(hidden)
+        position = data.position.copy()
+        gross = np.flatnonzero(~data.check)[::12]
+        position[gross] += [1e-3, -2e-3, 2e-3]
+        found = diagnose(model, replace(data, position=position), n_draws=ENOUGH_DRAWS)
+        assert sorted(found.problem.set_aside) == sorted(gross) and found.problem.outliers.too_many
+        assert found.noise.sigma_pos == pytest.approx(15e-6, rel=0.15)
+        if hidden:
+            assert ("thermal_arms",) in names(found)
+        else:
+            assert found.verdict == "unexplained" and "of 120 rows are far from everything" in telling.sentence(found)
+
+
 class TestVisibility:
     def test_payload_uncovers_compliance(self, measured):
         """κ as it was measured elsewhere: 7 % without payload, 28 % with; gear ratio 2 %, encoder 1x 5 %."""

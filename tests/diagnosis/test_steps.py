@@ -9,6 +9,7 @@ import pytest
 
 from pcalib.diagnosis import telling
 from pcalib.diagnosis.steps import SURE, add, by_rotations, drop, held_out_gain
+from pcalib.errors import InputError
 from pcalib.fitting import identification
 
 
@@ -60,8 +61,11 @@ def test_steps_refit_as_the_model_was_fitted(measured, robot):
             assert fit.candidate.options.loss == "huber"
 
 
-def test_a_richer_level_keeps_what_it_can_of_the_options(measured, robot):
+def test_what_was_held_is_not_let_go_in_silence(measured, robot):
     data, _ = measured()
-    simple = identification.fit(data, robot, "classical", fixed=["rod1.length"], prior={"m": 2e-4}).model
-    after = add(simple, data, "complete").after.candidate
-    assert after.options.fixed == () and after.options.prior == {"m": 2e-4}
+    simple = identification.fit(data, robot, "classical", prior={"m": 2e-4})
+    assert add(simple.model, data, "complete").after.candidate.options.prior == {"m": 2e-4}
+    held = identification.fit(data, robot, "classical", fixed=["rod1.length"]).model
+    with pytest.raises(InputError, match=r"rod1.length: held, .* which level complete cannot do"):
+        add(held, data, "complete")
+    assert identification.fit(data, held, "complete", fixed=["l11"]).candidate.options.fixed == ("l11",)
