@@ -80,6 +80,20 @@ def test_motion_capture_is_taken_as_it_stands(tmp_path):
     assert longer - mechanism.nominal[mechanism.index("l1")] == pytest.approx(1 / 13.21144)
 
 
+@pytest.mark.parametrize("turns", [0.0, 1.5, 154.07, 600.4, 1234567.8, 3e11])
+def test_the_robot_of_a_capture_admits_its_commands(tmp_path, turns):
+    """However many revolutions a leg takes, at rest too."""
+    legs, pose = turns * np.linspace([0.1] * 6, [1.0] * 6, 2), (1, 2, 1234.56, 0, 0, 0, 1)
+    rows = [",".join(f"{v:.12g}" for v in (*leg, *pose)) for leg in legs]
+    (tmp_path / "c.csv").write_text("\n".join([HEADER, *rows]) + "\n")
+    found = importers.run("motion-capture", tmp_path / "c.csv")
+    w = found.robot.workspace
+    assert found.robot.joint_min < found.data.q.min() and found.data.q.max() < found.robot.joint_max
+    assert w.contains(found.data.position).all()
+    measurement.save(tmp_path / "d.csv", found.data)
+    assert len(measurement.load(tmp_path / "d.csv", found.robot)) == 2
+
+
 @pytest.mark.parametrize(
     ("form", "text", "settings", "says"),
     [

@@ -41,15 +41,15 @@ plate_azimuth_deg = [{plate_azimuth}]
 leg_travel_mm_rev = [{leg_travel}]
 
 [joints]
-min_rev = {low:.3g}
-max_rev = {high:.3g}
+min_rev = {low:.9g}
+max_rev = {high:.9g}
 
 [workspace]               # about what was measured
-radius_mm = {radius:.3g}
-z_min_mm = {z_min:.4g}
-z_max_mm = {z_max:.4g}
-tilt_deg = {tilt:.3g}
-yaw_deg = {yaw:.3g}
+radius_mm = {radius:.9g}
+z_min_mm = {z_min:.9g}
+z_max_mm = {z_max:.9g}
+tilt_deg = {tilt:.9g}
+yaw_deg = {yaw:.9g}
 """
 
 
@@ -99,12 +99,13 @@ def _robot(
     yaw = np.degrees(np.abs(2 * np.arctan2(turn[:, 3], turn[:, 0]))).max()
     tilt = np.degrees(np.arccos(np.clip(R[:, 2, 2], -1, 1))).max()
     z, spread = position[:, 2], np.ptp(position[:, 2])
+    spare = 0.1 + 1e-6 * np.abs(revolutions).max()  # more than the file's digits leave out
     text = _ROBOT.format(
         **{name: 1e3 * settings[name][0] for name in ("base_radius", "plate_radius", "home_height")},
         base_azimuth=listed(np.degrees(settings["base_azimuth"])),
         plate_azimuth=listed(np.degrees(settings["plate_azimuth"])),
         leg_travel=listed(settings["leg_travel"] * 2e3 * np.pi),
-        low=revolutions.min() - 0.1, high=revolutions.max() + 0.1,
+        low=revolutions.min() - spare, high=revolutions.max() + spare,
         radius=1.02 * np.hypot(position[:, 0], position[:, 1]).max(), z_min=z.min() - 0.1 * spread - 1.0,
         z_max=z.max() + 0.1 * spread + 1.0, tilt=tilt + 1.0, yaw=yaw + 1.0,
     )  # fmt: skip
