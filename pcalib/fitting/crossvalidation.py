@@ -1,7 +1,8 @@
 """Cross-validation: every pose predicted by a fit that never saw it.
 
-Rows are dealt out in turn over the folds, replicates of one command together. What is left in the end is the error at
-held-out poses, also as apparent rod-length errors, which say where along the rods model and measurement disagree.
+Rows are dealt out in turn over the folds, those of one command or one `pose_id` together. What is left in the end is
+the error at held-out poses, also as apparent rod-length errors, which say where along the rods model and measurement
+disagree.
 """
 
 from __future__ import annotations
@@ -125,13 +126,27 @@ def cross_validate(
 
 
 def _groups(data: Measurements) -> np.ndarray:
-    """(N,) a running number for each command; rows that are held out by the user have −1."""
-    group, seen = np.full(len(data), -1), {}
-    for row in data.fit_rows:
-        mark = int(data.pose_id[row])
-        key = ("id", mark) if mark >= 0 else ("q", *np.round(data.q[row], 12).tolist(), *data.tool[row].tolist())
-        group[row] = seen.setdefault(key, len(seen))
+    """(N,) a running number for what is held out together; rows that are held out by the user have −1.
+
+    Rows of one command go together, with a `pose_id` or without, and so do rows of one `pose_id`.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    group, rows = np.full(len(data), -1), data.fit_rows
+    mark, one = data.pose_id[rows], np.arange(len(rows))
+    command = _first(np.column_stack([np.round(data.q[rows], 12), data.tool[rows]]))
+    named = np.where(mark >= 0, _first(mark[:, None]), one)
+    links = coo_array((np.ones(2 * len(one)), (np.tile(one, 2), np.append(command, named))), (len(one), len(one)))
+    part = connected_components(links, directed=False)[1]
+    group[rows] = np.unique(_first(part[:, None]), return_inverse=True)[1]
     return group
+
+
+def _first(values: np.ndarray) -> np.ndarray:
+    """(N,) the first row that is like each row of values (N, n)."""
+    _, first, like = np.unique(values, axis=0, return_index=True, return_inverse=True)
+    return first[like.ravel()]
 
 
 def rod_errors(model: Model, error: np.ndarray, p: Prediction) -> np.ndarray:

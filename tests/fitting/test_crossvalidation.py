@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +80,20 @@ def test_replicates_are_held_out_together_and_check_rows_stay_out():
     )
     fold = crossvalidation.require_folds(named, 4)
     assert (fold.reshape(20, 3) == fold[::3, None]).all()
+
+
+def test_a_pose_id_does_not_part_rows_of_one_command():
+    """Ids on the first half only: twins stay together, and what an id joins stays joined."""
+    data, _ = measured(12)
+    both = data.take(np.r_[0:12, 0:12])
+    half = replace(both, pose_id=np.r_[np.arange(12), np.full(12, -1)])
+    fold = crossvalidation.require_folds(half, 5)
+    assert (fold[:12] == np.arange(12) % 5).all() and (fold[:12] == fold[12:]).all()
+    chain = replace(both, pose_id=np.r_[np.full(12, -1), np.arange(12) // 3])
+    fold = crossvalidation.require_folds(chain, 4)
+    assert (fold[:12] == np.arange(12) // 3).all() and (fold[:12] == fold[12:]).all()
+    with pytest.raises(InputError, match="5 folds of 4 commands"):
+        crossvalidation.require_folds(chain, 5)
 
 
 @pytest.mark.parametrize("name", ["hexapod", "hexa", "delta"])
