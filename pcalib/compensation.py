@@ -133,16 +133,17 @@ def _first_order_chunk(
     mechanism = model.robot.mechanism
     nominal = mechanism.nominal
     n = len(position)
+    wanted = np.broadcast_to(np.eye(3) if rotation_matrix is None else rotation_matrix, (n, 3, 3))
     if mechanism.closed_form_inverse and rotation_matrix is None:
-        x = position - conditions.tool
-        pose = Pose(x, np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, len(mechanism.hinges))))
+        pose = Pose(position - conditions.tool, wanted, np.zeros((n, len(mechanism.hinges))))
         q = kinematics.initial_actuators(mechanism, nominal, pose)
-        status = np.full(n, "ok", "<U13")
     else:
         start = kinematics.inverse(mechanism, nominal, position, rotation_matrix, conditions.tool)
-        q, pose, status = start.q, start.pose, start.status
+        q, pose = start.q, start.pose
     tool = conditions.tool if np.ptp(conditions.tool, axis=0).any() else conditions.tool[0]
     at = kinematics.closure(mechanism, nominal, q, pose, tool)
+    residual = np.abs(at.f).max(axis=-1)
+    status = kinematics.judged(mechanism, at, residual, pose, wanted, kinematics.CLOSED)
     # ∂f/∂k·δk rod by rod: each depends on a few parameters only, so S_C itself is never built.
     rows, columns = kinematics.local_parameters(mechanism, nominal, q, at, pose)
     df = np.einsum("nmc,mc->nm", rows, model.errors[columns])
@@ -163,4 +164,4 @@ def _first_order_chunk(
     rhs = -df + np.einsum("nmt,nt->nm", JX[..., task], extra[:, list(mechanism.task)])
     q = q + kinematics.solve(A, rhs)[:, : q.shape[1]]
     status = np.where((status == "ok") & ~np.isfinite(q).all(axis=1), "not_converged", status)
-    return Solution(q, pose, status, 1, np.abs(at.f).max(axis=-1))
+    return Solution(q, pose, status, 1, residual)

@@ -200,6 +200,15 @@ def test_statuses(model, centres, method):
     assert np.isnan(free.q[6:8]).all()
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_target_mirrored_above_the_robot_is_unreachable(model, centres, method):
+    """Arms can meet it only upwards, which is another branch."""
+    targets = np.vstack([[[0, 0, 0.8]], centres[:1] * [1, 1, -1], centres[:1]])
+    commands = compensate(model, targets, method=method, limits=False)
+    assert commands.status.tolist() == ["unreachable", "unreachable", "ok"]
+    assert np.isnan(commands.q[:2]).all()
+
+
 def test_statuses_with_effects(model, centres):
     loaded = with_effects(model, "drive_compliance", "base_drift")
     targets = np.vstack([centres[:3], [[0, 0, -3.0]], [[np.nan, 0, -0.8]], centres[3:6]])

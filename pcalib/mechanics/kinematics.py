@@ -153,9 +153,14 @@ def _worst(at: Closure) -> float:
     return float(np.fmax.reduce(np.abs(at.f), axis=None, initial=0.0))
 
 
-def _status(
+def judged(
     mechanism: Mechanism, at: Closure, residual: np.ndarray, pose: Pose, reference: np.ndarray, tolerance: float
 ) -> np.ndarray:
+    """(N,) the status of plate poses whose largest closure error is `residual` (N,) [m], see :class:`Solution`.
+
+    Args:
+        reference: (N, 3, 3) from which a plate on the working branch is turned by `max_tilt` at most.
+    """
     status = np.full(len(residual), "ok", dtype="<U13")
     turned = _upright(mechanism, pose.R, reference) < np.cos(mechanism.max_tilt)
     if mechanism.rod_side:
@@ -217,7 +222,7 @@ def forward(
             count += 1
         pose = Pose(pose.x, rotation.renormalise(pose.R), pose.phi)
         residual = np.abs(at.f).max(axis=-1)
-        status = _status(mechanism, at, residual, pose, reference, max(tolerance, CLOSED))
+        status = judged(mechanism, at, residual, pose, reference, max(tolerance, CLOSED))
         found = Solution(q[rows], pose, status, count, residual, at)
         late = np.flatnonzero(found.residual > tolerance)
         if count >= max_iterations or not len(late):
@@ -311,7 +316,7 @@ def inverse(
         R = rotation.renormalise(R)
         pose = Pose(p - (R @ t[..., None])[..., 0], R, phi)
         residual = np.abs(at.f).max(axis=-1)
-        status = _status(mechanism, at, residual, pose, R0, max(tolerance, CLOSED))
+        status = judged(mechanism, at, residual, pose, R0, max(tolerance, CLOSED))
         found = Solution(q, pose, status, count, residual)
         late = np.flatnonzero(found.residual > tolerance)
         if count >= max_iterations or not len(late):
