@@ -48,7 +48,7 @@ def test_noise_is_called_what_it_is(truth, measure):
         data = measure(truth, 120, stated=size)
         assert data.sigma_stated
         for stated, text in zip((True, False), words, strict=True):
-            found = identification.fit(replace(data, sigma_stated=stated), truth.robot)
+            found = identification.fit(replace(data, stated=(stated, stated)), truth.robot)
             assert text in summary.headline(found)
 
 

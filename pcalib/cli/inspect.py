@@ -74,8 +74,14 @@ def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("time", f"{facts['time_s']['min']:.0f} … {facts['time_s']['max']:.0f} s"))
     for name, sides in facts["directions"].items():
         rows.append((name, ", ".join(f"{'+' if side == '1' else ''}{side} × {n}" for side, n in sides.items() if n)))
-    said = "stated" if sigma["stated"] else "not stated, assumed"
-    rows.append(("σ of the instrument", f"{sigma['pos_um']:.3g} µm, {sigma['rot_urad']:.3g} µrad ({said})"))
+    each = [
+        f"{text} ({'stated' if stated else 'not stated, assumed'})"
+        for text, stated in (
+            (f"{sigma['pos_um']:.3g} µm", sigma["pos_stated"]), (f"{sigma['rot_urad']:.3g} µrad", sigma["rot_stated"])
+        )
+        if stated is not None
+    ]  # fmt: skip
+    rows.append(("σ of the instrument", ", ".join(each) or "–"))
     if noise["groups"]:
         parts = [f"{noise['rows']} rows in {noise['groups']} groups"]
         if noise["dof_pos"]:

@@ -165,11 +165,13 @@ def conditions(data: Measurements) -> Iterator[Finding]:
 
 def noise_level(data: Measurements, noise: Noise) -> Iterator[Finding]:
     """What is known of the noise."""
-    if not data.sigma_stated:
+    keys = ("positions (# sigma_pos_mm)", "rotations (# sigma_rot_deg)")
+    lacking = [k for k, said, seen in zip(keys, data.stated, data.kinds, strict=True) if seen and not said]
+    if lacking:
         yield Finding(
             "warning", "sigma_not_stated",
-            "The file does not state the instrument's σ (# sigma_pos_mm, # sigma_rot_deg): defaults are assumed, and "
-            "χ² says little.",
+            f"The file does not state the instrument's σ of {' and '.join(lacking)}: what is usual is assumed, and χ² "
+            "says little.",
         )  # fmt: skip
     if noise.dof_pos + noise.dof_rot == 0:
         why = "No replicates (pose_id)"
@@ -188,13 +190,13 @@ def noise_level(data: Measurements, noise: Noise) -> Iterator[Finding]:
             "warning", "few_replicates",
             f"Too few repeated poses to verify the noise ({noise.groups}); ten or more are needed.",
         )  # fmt: skip
-    for what, ratio, dof, seen, unit in (
-        ("position", noise.ratio_pos, noise.dof_pos, noise.sigma_pos * 1e6, "µm"),
-        ("rotation", noise.ratio_rot, noise.dof_rot, noise.sigma_rot * 1e6, "µrad"),
+    for what, ratio, dof, seen, unit, said in (
+        ("position", noise.ratio_pos, noise.dof_pos, noise.sigma_pos * 1e6, "µm", data.stated[0]),
+        ("rotation", noise.ratio_rot, noise.dof_rot, noise.sigma_rot * 1e6, "µrad", data.stated[1]),
     ):
         p = _two_sided(ratio, dof)
         if p < DOUBTFUL:
-            stated = "stated" if data.sigma_stated else "assumed"
+            stated = "stated" if said else "assumed"
             yield Finding(
                 "warning", f"noise_{what}",
                 f"Replicates scatter by {seen:.3g} {unit} in {what}, {ratio:.2f} times the {stated} σ (p = {p:.1g}): "

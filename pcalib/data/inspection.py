@@ -100,6 +100,8 @@ def _facts(data: Measurements, robot: Robot | None, noise: Noise, nominal: Nomin
         "own_columns": [c for c in data.columns if c not in known] + list(data.notes),
         "sigma": {
             "stated": data.sigma_stated,
+            "pos_stated": data.stated[0] if data.kinds[0] else None,
+            "rot_stated": data.stated[1] if data.kinds[1] else None,
             "pos_um": np.median(data.sigma[:, 0]) * 1e6,
             "rot_urad": np.median(data.sigma[:, 3]) * 1e6,
         },

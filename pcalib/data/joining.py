@@ -46,7 +46,7 @@ def join(parts: Sequence[Measurements]) -> Measurements:
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in one},
         columns=columns,
         pose_id=np.concatenate(ids),
-        sigma_stated=all(part.sigma_stated for part in parts),
+        stated=tuple(all(part.stated[i] or not part.kinds[i] for part in parts) for i in (0, 1)),
         source=" + ".join(part.source for part in parts),
         notes={},
     )

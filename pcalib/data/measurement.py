@@ -56,8 +56,8 @@ class Measurements:
     """(N,) bool, held out: never used for fitting."""
     sigma: np.ndarray
     """(N, 6) [m, rad] 1σ of the instrument."""
-    sigma_stated: bool
-    """Whether the file states σ of all that it measures; where it does not, `sigma` holds the defaults."""
+    stated: tuple[bool, bool]
+    """Whether the file states σ of positions and of rotations; where it does not, `sigma` holds the default."""
     lines: np.ndarray
     """(N,) int, line of each row in its file."""
     frame: str = "base"
@@ -118,7 +118,7 @@ class Measurements:
             raise ValueError(f"position has shape {position.shape}, not {(n, 3)}")
         turn = np.full((n, 3, 3), np.nan) if rotation is None else np.array(rotation, float)
         mask = _mask(position, turn)
-        sigma, stated = _sigma(mask, sigma_pos, sigma_rot)
+        sigma, stated = _sigma(n, sigma_pos, sigma_rot)
         return cls(
             q, position, turn, mask,
             tool=np.array(np.broadcast_to(0.0 if tool is None else tool, (n, 3)), float),
@@ -126,7 +126,7 @@ class Measurements:
             columns={name: np.array(values, float) for name, values in (columns or {}).items()},
             pose_id=np.full(n, -1) if pose_id is None else np.array(pose_id, int),
             check=np.zeros(n, bool) if check is None else np.array(check, bool),
-            sigma=sigma, sigma_stated=stated, lines=np.arange(1, n + 1), frame=frame, robot_name=robot.name,
+            sigma=sigma, stated=stated, lines=np.arange(1, n + 1), frame=frame, robot_name=robot.name,
             actuators=robot.mechanism.actuators, actuator_dimension=robot.mechanism.actuator_dimension, source=source,
         )  # fmt: skip
 
@@ -139,6 +139,16 @@ class Measurements:
             columns={name: values[rows] for name, values in self.columns.items()},
             notes={name: values[rows] for name, values in self.notes.items()},
         )
+
+    @property
+    def sigma_stated(self) -> bool:
+        """Whether the file states σ of all that it measures."""
+        return all(said or not seen for said, seen in zip(self.stated, self.kinds, strict=True))
+
+    @property
+    def kinds(self) -> tuple[bool, bool]:
+        """Whether any component of a position and any rotation is measured."""
+        return bool(self.mask[:, :3].any()), bool(self.mask[:, 3:].any())
 
     @property
     def fit_rows(self) -> np.ndarray:
@@ -181,7 +191,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     mask = _mask(position, turn)
     tool = cols.tool(columns)
     numeric, text = cols.conditions(columns, len(names))
-    sigma, stated = _sigma(mask, *(_stated_sigma(columns, key, said.get(key)) for key in _SIGMA))
+    sigma, stated = _sigma(len(q), *(_stated_sigma(columns, key, said.get(key)) for key in _SIGMA))
     if robot is not None:
         plausibility.joints(columns, robot, q)
         if tool is not None:
@@ -194,7 +204,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
         q, position, turn, mask,
         tool=np.zeros_like(position) if tool is None else tool,
         payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
-        sigma=sigma, sigma_stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
+        sigma=sigma, stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
     )  # fmt: skip
 
@@ -241,8 +251,8 @@ def save(path: str | Path, data: Measurements) -> None:
     if data.check.any():
         out["set"] = ["check" if held else "fit" for held in data.check]
     head = {"robot": data.robot_name, "frame": data.frame} if data.robot_name else {"frame": data.frame}
-    if data.sigma_stated:
-        for key, axes in (("sigma_pos", slice(0, 3)), ("sigma_rot", slice(3, 6))):
+    for key, axes, stated in zip(_SIGMA, (slice(0, 3), slice(3, 6)), data.stated, strict=True):
+        if stated:
             _put_sigma(data, key, axes, head, put)
     tables.write(path, out | {name: [str(v) for v in values] for name, values in data.notes.items()}, head)
 
@@ -337,14 +347,12 @@ def _stated_sigma(columns: Columns, key: str, common: float | str | None) -> np.
     return values if stated is None else np.where(np.isnan(values), stated, values)
 
 
-def _sigma(mask: np.ndarray, position: ArrayLike | None, turn: ArrayLike | None) -> tuple[np.ndarray, bool]:
-    """(N, 6) σ with the defaults filled in, and whether all that is measured has a stated one."""
-    out = np.empty(mask.shape)
-    stated = True
+def _sigma(n: int, position: ArrayLike | None, turn: ArrayLike | None) -> tuple[np.ndarray, tuple[bool, bool]]:
+    """(N, 6) σ with the defaults filled in, and whether those of positions and of rotations are stated."""
+    out = np.empty((n, 6))
     for axes, given, default in ((slice(0, 3), position, DEFAULT_SIGMA_POS), (slice(3, 6), turn, DEFAULT_SIGMA_ROT)):
-        out[:, axes] = np.broadcast_to(default if given is None else given, len(mask))[:, None]
-        stated &= given is not None or not mask[:, axes].any()
-    return out, stated
+        out[:, axes] = np.broadcast_to(default if given is None else given, n)[:, None]
+    return out, (position is not None, turn is not None)
 
 
 def pose_ids(table: Table) -> np.ndarray:

@@ -29,6 +29,8 @@ _NOTHING = 1e-6
 _CLEAR = 1.0
 """Joint repeatability is taken into account where its variance is this many of its σ above zero."""
 
+_CLASSES = ("positions", "rotations")
+
 
 @dataclass(frozen=True)
 class NoiseLevel:
@@ -46,8 +48,8 @@ class NoiseLevel:
     """[m] RMS noise per component over the rows, all told; NaN where no positions are measured."""
     sigma_rot: float
     """[rad] the same."""
-    stated: bool
-    """Whether the file states a σ at all."""
+    stated: tuple[bool, bool]
+    """Whether the file states σ of positions and of rotations."""
     pooled: bool = False
     """What lies outside every effect and pattern agrees with the replicates, and is counted in."""
 
@@ -67,8 +69,8 @@ class NoiseLevel:
             said += f" (part of it from joints that repeat to {self.sigma_q * 1e6:.2g} {joint_unit})"
         if self.source == "replicates":
             few = [
-                f"; of {what} too few are repeated, so that theirs is {'as stated' if self.stated else 'assumed'}"
-                for what, value, nu in zip(("positions", "rotations"), _total(self), self.dof, strict=True)
+                f"; of {what} too few are repeated, so that theirs is {'as stated' if stated else 'assumed'}"
+                for what, value, nu, stated in zip(_CLASSES, _total(self), self.dof, self.stated, strict=True)
                 if np.isfinite(value) and not np.isfinite(nu)
             ]
             return f"Noise {said} per component, from replicates{''.join(few)}."
@@ -77,7 +79,10 @@ class NoiseLevel:
                 f"Noise not verified by replicates: {said} per component is what no effect and no pattern explains. "
                 "Measure ten poses twice to be sure."
             )
-        origin = "as the file states" if self.stated else "assumed, as the file states none"
+        stated = [own for own, value in zip(self.stated, _total(self), strict=True) if np.isfinite(value)]
+        origin = "as the file states" if all(stated) else "assumed, as the file states none"
+        if len(set(stated)) == 2:
+            origin = f"as the file states, that of {_CLASSES[stated.index(False)]} assumed"
         return (
             f"Noise not verified: {said} per component {origin}. Take what follows as a ranking; "
             "measure ten poses twice to get a verdict."
@@ -331,7 +336,7 @@ def _level(
         if blocks is not None and sigma_q:
             variance = variance + (sigma_q * data.sigma[:, part]) ** 2 * np.sum(blocks.joint[:, part] ** 2, axis=-1)
         typical.append(float(np.sqrt(np.mean(variance[seen]))))
-    return NoiseLevel(source, ratio, dof, sigma_q, typical[0], typical[1], data.sigma_stated)
+    return NoiseLevel(source, ratio, dof, sigma_q, typical[0], typical[1], data.stated)
 
 
 def whitener(level: NoiseLevel, blocks: Blocks) -> np.ndarray:

@@ -90,6 +90,16 @@ def test_joint_repeatability_shows_at_the_tcp():
     assert np.array_equal(data.measurements.q, plan.commands.q)
 
 
+def test_a_sigma_of_positions_alone_is_stated(tmp_path):
+    """Rotations are read without noise: theirs cannot be stated, that of positions stays."""
+    truth = truths.parse(TRUTH.replace("sigma_rot_deg = 0.005", ""))
+    data = simulate.run(truth, plans.make(truth.robot, "random", 8), 1).measurements
+    measurement.save(tmp_path / "d.csv", data)
+    for each in (data, measurement.load(tmp_path / "d.csv", truth.robot)):
+        assert each.stated == (True, False)
+        assert each.sigma[:, :3] == pytest.approx(2e-5)
+
+
 def test_a_robot_that_reaches_nothing_says_so():
     truth = truths.parse(TRUTH)
     plan = plans.make(truth.robot, "random", 4)

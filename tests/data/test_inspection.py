@@ -130,6 +130,19 @@ def test_every_lack_is_found(code):
     assert [f.level for f in result.findings] == sorted((f.level for f in result.findings), key=order.index)
 
 
+def test_each_sigma_is_stated_or_assumed_by_itself():
+    result = inspection.inspect(good(sigma_rot=None), DELTA)
+    found = {f.code: f.message for f in result.findings}
+    assert "σ of rotations (# sigma_rot_deg):" in found["sigma_not_stated"]
+    sigma = result.facts["sigma"]
+    assert (sigma["stated"], sigma["pos_stated"], sigma["rot_stated"]) == (False, True, False)
+    noisy = good(sigma_rot=None, sigma_pos=4e-6)
+    found = {f.code: f.message for f in inspection.inspect(noisy, DELTA).findings}
+    assert "times the stated σ" in found["noise_position"]
+    alone = inspection.inspect(good_with(rotation=np.full((50, 3, 3), np.nan), stated=(True, False)), DELTA)
+    assert alone.facts["sigma"]["rot_stated"] is None and "sigma_not_stated" not in {f.code for f in alone.findings}
+
+
 def test_repeated_commands_that_no_pose_id_joins_are_named():
     found = {f.code: f.message for f in inspection.inspect(good(pose_id=None), DELTA).findings}
     assert found["no_replicates"].startswith("50 rows repeat a command, but no pose_id says")

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pcalib import robot
-from pcalib.data import measurement
+from pcalib.data import joining, measurement
 from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 
@@ -97,6 +97,25 @@ def test_round_trip(tmp_path, delta, suffix):
     path = tmp_path / f"again.{suffix}"
     measurement.save(path, data)
     same(measurement.load(path, delta), data)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+@pytest.mark.parametrize("stated", [(True, False), (False, True)])
+def test_a_sigma_stated_alone_is_kept(tmp_path, delta, suffix, stated):
+    """σ of positions without one of rotations, and the other way round, as one number or as a column."""
+    name, unit, axis = ("sigma_pos_mm", 1e-3, 0) if stated[0] else ("sigma_rot_deg", np.deg2rad(1), 3)
+    for values in ((0.1, 0.1), (0.1, 0.2)):
+        rows = [f"{i},0,0,0,0,-900,0,0,0,{value}" for i, value in enumerate(values)]
+        text = "\n".join([f"{HEAD},rx_deg,ry_deg,rz_deg,{name}", *rows]) + "\n"
+        data = measurement.load(write(tmp_path, text), delta)
+        assert data.stated == stated and not data.sigma_stated
+        np.testing.assert_allclose(data.sigma[:, axis], np.array(values) * unit)
+        path = tmp_path / f"again.{suffix}"
+        for made, rows in ((data, [0, 1]), (joining.join([data, data]), [0, 1, 0, 1])):
+            measurement.save(path, made)
+            again = measurement.load(path, delta)
+            assert again.stated == stated
+            np.testing.assert_allclose(again.sigma, data.sigma[rows], rtol=1e-13)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

@@ -103,7 +103,7 @@ class TestVarianceComponents:
         assert aware.dof[0] == pytest.approx(87, abs=1)
 
     def test_replicates_and_what_is_left_are_pooled_where_they_agree(self, data):
-        few = noises.NoiseLevel("replicates", np.ones(2), np.full(2, 20.0), 0.0, 15e-6, 60e-6, True)
+        few = noises.NoiseLevel("replicates", np.ones(2), np.full(2, 20.0), 0.0, 15e-6, 60e-6, (True, True))
         many = replace(
             few, source="residuals", ratio=np.full(2, 1.2), dof=np.full(2, 200.0), sigma_pos=18e-6, sigma_rot=72e-6
         )
@@ -158,7 +158,7 @@ class TestVarianceComponents:
     def test_whitening(self):
         rng = np.random.default_rng(0)
         made = blocks(rng)
-        level = noises.NoiseLevel("replicates", np.array([1.5, 0.5]), np.full(2, 90.0), 4e-5, 1.0, 1.0, True)
+        level = noises.NoiseLevel("replicates", np.array([1.5, 0.5]), np.full(2, 90.0), 4e-5, 1.0, 1.0, (True, True))
         T = noises.whitener(level, made)
         sigma = np.diag([1.5**2] * 3 + [0.5**2] * 3) + (4e-5) ** 2 * made.joint[7] @ made.joint[7].T
         np.testing.assert_allclose(T[7] @ sigma @ T[7].T, np.eye(6), atol=1e-10)
@@ -175,6 +175,20 @@ class TestVarianceComponents:
         assert level.verified and level.dof[0] > 100 and np.isinf(level.dof[1])
         assert level.ratio[0] == pytest.approx(1.0, abs=0.1) and level.ratio[1] == 1.0
         assert "of rotations too few are repeated" in level.sentence()
+
+    @pytest.mark.parametrize(
+        ("stated", "said"),
+        [
+            ((True, True), "60 µrad per component as the file states. "),
+            ((False, False), "60 µrad per component assumed, as the file states none. "),
+            ((True, False), "60 µrad per component as the file states, that of rotations assumed. "),
+            ((False, True), "60 µrad per component as the file states, that of positions assumed. "),
+        ],
+    )
+    def test_the_sentence_says_which_sigma_is_assumed(self, data, stated, said):
+        assert f"100 µm and {said}" in noises.as_stated(
+            replace(data, stated=stated, sigma=np.tile([1e-4] * 3 + [6e-5] * 3, (len(data), 1)))
+        ).sentence()
 
     def test_too_few_replicates_are_none(self, data):
         few = data.take(slice(0, 4))

@@ -112,7 +112,7 @@ def test_a_diagnosis_finds_nothing_beside_the_truth_where_there_is_no_noise(desi
     """
     there = stage(design, CATALOGUE[name].companion)
     case = cases.single(there, CATALOGUE[name], fault(name), 12.0)
-    exact = replace(there._exact(case.hidden, case.landing), sigma_stated=True)
+    exact = replace(there._exact(case.hidden, case.landing), stated=(True, True))
     model = identification.fit(exact, ROBOT, "complete", effects=there.effects).model
     kept = exact.take(~exact.check)
     made = problem(model, exact, noise=noises.as_stated(kept))
