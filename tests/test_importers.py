@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -147,8 +148,12 @@ def test_the_command_writes_both_files_or_says_what_is_missing(tmp_path, capsys)
     assert main(["import", "carriage-steps", str(steps), "-o", str(data), "--robot-output", str(robot), *options]) == 0
     loaded = measurement.load(data, robots.load(robot))
     assert len(loaded) == 12 and loaded.sigma[0, 2] == pytest.approx(9e-6)
-    assert main(["import", "carriage-steps"]) == 0
+    assert main(["import", "carriage-steps", "--json", str(tmp_path / "s.json")]) == 0
     assert "steps_per_mm" in capsys.readouterr().out
+    content = json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))
+    assert content["schema"] == "pcalib.import/1" and content["form"] == "carriage-steps"
+    rod = {"setting": "rod", "default": [340.0], "unit": "mm", "text": "rod length in the present configuration"}
+    assert rod in content["settings"] and len(content["settings"]) == 9
 
 
 def test_a_good_residual_with_the_wrong_rods_is_not_taken_on_trust(tmp_path):

@@ -96,6 +96,9 @@ SeedOption = Annotated[int, Parameter(validator=Number(gte=0))]
 BesideOption = Annotated[Path | None, Parameter(validator=place)]
 """A file that is written beside what a command prints."""
 
+_PLAIN = Parameter(negative=(), show_default=lambda value: None if value in (None, "", ()) else str(value))
+"""Of every option: no --no-…, and no default where it is nothing."""
+
 PROGRESS_AFTER = 2.0
 """[s] work that takes longer shows a progress bar, on a terminal."""
 
@@ -109,7 +112,7 @@ def app(name: str, package: str, path: Iterable[str], description: str, examples
         help_format="plaintext",
         version=_version,
         version_flags=["--version"],
-        default_parameter=Parameter(negative=()),
+        default_parameter=_PLAIN,
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
@@ -129,7 +132,7 @@ def script(name: str, command: Callable[..., int | None], argv: Sequence[str] | 
     """Run a program of one command; returns the exit code."""
     program = App(
         name=name, help_format="plaintext", version_flags=[], result_action="return_value",
-        default_parameter=Parameter(negative=()), suppress_keyboard_interrupt=False,
+        default_parameter=_PLAIN, suppress_keyboard_interrupt=False,
     )  # fmt: skip
     program.default(command)
     return run(program, argv)

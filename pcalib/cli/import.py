@@ -45,6 +45,11 @@ def command(
             (name, ", ".join(f"{v:.7g}" for v in option.default) + option.unit, option.text)
             for name, option in importer.options.items()
         ]
+        settings = [
+            {"setting": name, "default": option.default, "unit": option.unit, "text": option.text}
+            for name, option in importer.options.items()
+        ]
+        write_json(json, {"schema": "pcalib.import/1", "form": form, "settings": settings})
         say(f"{form}: {importer.summary}.")
         show_table(("setting", "default", "what it is"), rows)
         return None

@@ -52,6 +52,8 @@ def _share(value: float) -> str:
 
 def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The facts of a file in words."""
+    from pcalib import wording
+
     measured, noise, sigma = facts["measured"], facts["replicates"], facts["sigma"]
     kinds = [f"{n} {kind.replace('_', ' ')}" for kind, n in measured.items() if n]
     rows = [
@@ -77,7 +79,8 @@ def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     each = [
         f"{text} ({'stated' if stated else 'not stated, assumed'})"
         for text, stated in (
-            (f"{sigma['pos_um']:.3g} µm", sigma["pos_stated"]), (f"{sigma['rot_urad']:.3g} µrad", sigma["rot_stated"])
+            (wording.size(1e-6 * sigma["pos_um"]), sigma["pos_stated"]),
+            (wording.angle(1e-6 * sigma["rot_urad"]), sigma["rot_stated"]),
         )
         if stated is not None
     ]  # fmt: skip
@@ -85,9 +88,9 @@ def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     if noise["groups"]:
         parts = [f"{noise['rows']} rows in {noise['groups']} groups"]
         if noise["dof_pos"]:
-            parts.append(f"scatter {noise['sigma_pos_um']:.3g} µm ({noise['ratio_pos']:.2f} σ)")
+            parts.append(f"scatter {wording.size(1e-6 * noise['sigma_pos_um'])} ({noise['ratio_pos']:.2f} σ)")
         if noise["dof_rot"]:
-            parts.append(f"{noise['sigma_rot_urad']:.3g} µrad ({noise['ratio_rot']:.2f} σ)")
+            parts.append(f"{wording.angle(1e-6 * noise['sigma_rot_urad'])} ({noise['ratio_rot']:.2f} σ)")
         rows.append(("replicates", ", ".join(parts)))
     if facts["own_columns"]:
         rows.append(("own columns", ", ".join(facts["own_columns"])))

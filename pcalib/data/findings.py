@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pcalib import wording
 from pcalib.data import mixups
 from pcalib.data.columns import TEMPERATURES
 from pcalib.data.measurement import Measurements
@@ -190,16 +191,16 @@ def noise_level(data: Measurements, noise: Noise) -> Iterator[Finding]:
             "warning", "few_replicates",
             f"Too few repeated poses to verify the noise ({noise.groups}); ten or more are needed.",
         )  # fmt: skip
-    for what, ratio, dof, seen, unit, said in (
-        ("position", noise.ratio_pos, noise.dof_pos, noise.sigma_pos * 1e6, "µm", data.stated[0]),
-        ("rotation", noise.ratio_rot, noise.dof_rot, noise.sigma_rot * 1e6, "µrad", data.stated[1]),
+    for what, ratio, dof, seen, said in (
+        ("position", noise.ratio_pos, noise.dof_pos, wording.size(noise.sigma_pos), data.stated[0]),
+        ("rotation", noise.ratio_rot, noise.dof_rot, wording.angle(noise.sigma_rot), data.stated[1]),
     ):
         p = _two_sided(ratio, dof)
         if p < DOUBTFUL:
             stated = "stated" if said else "assumed"
             yield Finding(
                 "warning", f"noise_{what}",
-                f"Replicates scatter by {seen:.3g} {unit} in {what}, {ratio:.2f} times the {stated} σ (p = {p:.1g}): "
+                f"Replicates scatter by {seen} in {what}, {ratio:.2f} times the {stated} σ (p = {p:.1g}): "
                 + ("the instrument or the robot repeats worse than stated." if ratio > 1 else "σ is overstated, or the "
                    "rows are copies and not measured anew."),
             )  # fmt: skip

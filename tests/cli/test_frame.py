@@ -82,6 +82,25 @@ def test_help_of_a_command_has_its_text_and_examples(toy, capsys):
     assert "Args:" not in out
 
 
+def test_help_shows_defaults_that_are_something(tmp_path, monkeypatch, capsys):
+    """No '[default: ()]' beside an option that may be given several times."""
+    (tmp_path / "shown.py").write_text(
+        '"""Show."""\ndef command(*, tool: tuple[str, ...] = (), name: str = "", robot: str | None = None,'
+        " poses: int = 7, exact: bool = False):\n    pass\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for program in (frame.app("toy", "", [], "A toy."), None):
+        if program is None:
+            import shown
+
+            assert frame.script("shown", shown.command, ["--help"]) == 0
+        else:
+            program.command("shown:command", name="shown")
+            assert frame.run(program, ["shown", "--help"]) == 0
+        out = capsys.readouterr().out
+        assert "--tool" in out and "[default: 7]" in out and "[default: False]" in out and out.count("default:") == 2
+
+
 def test_arguments_reach_the_command(toy, capsys, tmp_path):
     out = tmp_path / "out.json"
     assert toy("add-up", "1", "2", "--tool", "-10,0,-300mm", "--json", str(out)) == 0

@@ -43,7 +43,8 @@ def test_a_table_and_json(file, tmp_path):
     out = tmp_path / "out.json"
     done = pcalib("inspect", file, "--robot", ROBOT, "--json", out)
     assert done.returncode == 0 and done.stderr == ""
-    for text in ("40 (40 fit, 0 check)", "40 position only", "40 rows in 20 groups", "20 µm", "q3", "- note: No time"):
+    counts = ("40 (40 fit, 0 check)", "40 position only", "40 rows in 20 groups")
+    for text in (*counts, "20.0 µm (stated)", "q3", "- note: No time"):
         assert text in done.stdout
     content = json.loads(out.read_text(encoding="utf-8"))
     assert content["schema"] == "pcalib.inspect/1" and content["rows"] == 40
@@ -51,6 +52,18 @@ def test_a_table_and_json(file, tmp_path):
     assert {f["code"] for f in content["findings"]} == {
         "no_check_rows", "position_only", "no_direction", "no_temperature", "no_time",
     }  # fmt: skip
+
+
+def test_sigma_is_said_per_kind_and_millimetres_as_such(tmp_path):
+    """5 mm is no '5e+03 µm'."""
+    delta = robot.load(ROBOT)
+    q = np.repeat(planning.reachable(delta, 12, np.random.default_rng(0)).q, 2, axis=0)
+    pose = kinematics.forward(delta.mechanism, delta.mechanism.nominal, q).pose
+    x = pose.x + 5e-3 * np.random.default_rng(1).standard_normal(pose.x.shape)
+    data = Measurements.create(delta, q, x, pose.R, pose_id=np.arange(24) // 2, sigma_pos=5e-3)
+    save(tmp_path / "d.csv", data)
+    said = pcalib("inspect", tmp_path / "d.csv").stdout
+    assert "5.00 mm (stated), 60.0 µrad (not stated, assumed)" in said and "e+03" not in said
 
 
 def test_without_a_robot_and_as_parquet(file, tmp_path):
