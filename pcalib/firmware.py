@@ -6,20 +6,24 @@ direction, an endstop, a motor scale and a rod length. Carriage i at height z_i 
     (x − r·cos α_i)² + (y − r·sin α_i)² + (z − z_i)² = L_i²,      z_i = H_i − s_i·(q_home − q_i)
 
 with q counted by the present configuration and q_home its value at the endstops, the upper end of the joint range. The
-values returned make this model agree best with a calibrated one over the workspace; what it cannot hold is stated.
+values returned make this model agree best with a calibrated one over the workspace, effects included: a gear ratio
+goes into s_i. What it cannot hold is stated, and so is what payload, temperature, time and direction change, of which a
+firmware knows nothing: effects count without payload, at 20 °C and at rest.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from pcalib import wording
+from pcalib import prediction, wording
 from pcalib.errors import InputError
 from pcalib.mechanics import kinematics
 from pcalib.model import Model
+from pcalib.prediction import Conditions, Prediction
 from pcalib.robot import Robot
 
 _SLOTS = np.radians([210.0, 330.0, 90.0])
@@ -81,6 +85,10 @@ class Configuration:
     """What was calibrated."""
     bed_radius: float
     """[m]."""
+    effects: tuple[str, ...] = ()
+    """Effects of the calibrated model."""
+    unknown: Mapping[str, float] = field(default_factory=dict)
+    """[m] by how much conditions that a firmware does not know move the nozzle at most."""
 
     def klipper(self) -> str:
         """The changed values of a printer.cfg."""
@@ -130,17 +138,24 @@ class Configuration:
             "no difference between the two rods of a pair, no lean of a tower, no tilt of the plate, no radius of a "
             "tower's own. "
         )
+        level = f"level {self.level}{' with ' * bool(self.effects)}{', '.join(self.effects)}"
         if self.largest < 1e-6 and self.tilt < 1e-6:
-            return text + (
-                f"Level {self.level} has no more than that, so nothing of it is lost here; what else the printer has "
-                "was not looked for."
+            text += f"L{level[1:]} has no more than that, so nothing of it is lost here"
+            text += "." if self.unknown else "; what else the printer has was not looked for."
+        else:
+            text += (
+                f"Of {level} it loses {wording.size(self.rms)} RMS ({wording.size(self.largest)} at most, "
+                f"{wording.size(self.rms_z)} RMS in height) over the workspace, and a tilt of the plate of up to "
+                f"{self.tilt * 1e6:.0f} µrad, which moves a nozzle 50 mm below the joints by "
+                f"{wording.size(0.05 * self.tilt)}."
             )
-        nozzle = wording.size(0.05 * self.tilt)
-        return text + (
-            f"Of level {self.level} it loses {wording.size(self.rms)} RMS ({wording.size(self.largest)} at most, "
-            f"{wording.size(self.rms_z)} RMS in height) over the workspace, and a tilt of the plate of up to "
-            f"{self.tilt * 1e6:.0f} µrad, which moves a nozzle 50 mm below the joints by {nozzle}."
-        )
+        if self.unknown:
+            each = ", ".join(f"{what} by {wording.size(most)}" for what, most in self.unknown.items())
+            text += (
+                " The values hold without payload, at 20 °C and at rest. A firmware does not know what else moves the "
+                f"nozzle, at most: {each}."
+            )
+        return text
 
     def json(self) -> dict[str, Any]:
         """Stable keys; lengths in mm, angles in degrees, as the firmwares count."""
@@ -155,6 +170,8 @@ class Configuration:
                 "rms_um": self.rms * 1e6, "max_um": self.largest * 1e6, "rms_z_um": self.rms_z * 1e6,
                 "tilt_urad": self.tilt * 1e6,
             },
+            "effects": self.effects,
+            "unknown": [{"condition": what, "max_um": most * 1e6} for what, most in self.unknown.items()],
             "statement": self.statement(),
         }  # fmt: skip
 
@@ -175,34 +192,73 @@ def configuration(model: Model) -> Configuration:
         )
     found = kinematics.inverse(mechanism, mechanism.nominal, _grid(robot))
     q = found.q[found.ok & (found.q >= robot.joint_min).all(axis=1) & (found.q <= robot.joint_max).all(axis=1)]
-    there = kinematics.forward(mechanism, model.k, q)
-    q, pose = q[there.ok], there.pose.take(there.ok)
+    there, x = _nozzle(model, q, _conditions(model, len(q)))
+    q, x, R = q[there.reached], x[there.reached], there.rotation[there.reached]
     q_home = robot.joint_max
     scale = model.k[[mechanism.index(f"s{i}") for i in (1, 2, 3)]]
 
     def arms(v: np.ndarray) -> ThreeArms:
-        return ThreeArms(float(v[0]), v[1:4], v[4:7], v[7:10], scale, q_home)
+        return ThreeArms(float(v[0]), v[1:4], v[4:7], v[7:10], v[10:] if model.effects else scale, q_home)
 
     size = robot.dimensions
     start = np.concatenate([
         [size["tower_radius"] - size["plate_radius"]], np.full(3, size["rod_length"]), size["tower_azimuth"],
         model.k[[mechanism.index(f"p{i}.z") for i in (1, 2, 3)]] + scale * q_home,
+        scale if model.effects else [],
     ])  # fmt: skip
     best = least_squares(
-        lambda v: (arms(v).nozzle(q) - pose.x).ravel(), start, method="lm", x_scale="jac", xtol=1e-15, ftol=1e-15,
+        lambda v: (arms(v).nozzle(q) - x).ravel(), start, method="lm", x_scale="jac", xtol=1e-15, ftol=1e-15,
         gtol=1e-15,
     )  # fmt: skip
-    error = arms(best.x).nozzle(q) - pose.x
+    error = arms(best.x).nozzle(q) - x
     length = np.linalg.norm(error, axis=1)
     return Configuration(
         arms=arms(best.x),
         rms=float(np.sqrt(np.mean(length**2))),
         largest=float(length.max()),
         rms_z=float(np.sqrt(np.mean(error[:, 2] ** 2))),
-        tilt=float(np.arccos(np.clip(pose.R[:, 2, 2], -1, 1)).max()),
+        tilt=float(np.arccos(np.clip(R[:, 2, 2], -1, 1)).max()),
         level=model.level,
         bed_radius=robot.workspace.radius,
+        effects=tuple(fitted.effect.name for fitted in model.effects),
+        unknown=_unknown(model, q, x),
     )
+
+
+def _conditions(model: Model, n: int, payload: float = 0.0, **changed: float) -> Conditions:
+    """What a firmware takes for granted at N poses: no payload, 20 °C, rest, 0 elsewhere; save what is `changed`."""
+    own = {name for fitted in model.effects for name in fitted.effect.needs if not name.startswith("temp_")}
+    values = dict.fromkeys(sorted(own | set(_directions(model))), 0.0) | {"temp": 20.0, "time": 0.0} | changed
+    columns = {name: np.full(n, value) for name, value in values.items()}
+    return Conditions(np.zeros((n, 3)), np.full(n, payload), columns)
+
+
+def _directions(model: Model) -> list[str]:
+    return [f"dir{i + 1}" for i in range(len(model.robot.mechanism.actuators))]
+
+
+def _nozzle(model: Model, q: np.ndarray, conditions: Conditions) -> tuple[Prediction, np.ndarray]:
+    """The prediction in the base frame, and nozzle positions (N, 3) [m] without what an instrument adds."""
+    p = prediction.predict(replace(model, frame=None), q, conditions)
+    return p, p.position if p.contribution.sensor is None else p.position - p.contribution.sensor
+
+
+def _unknown(model: Model, q: np.ndarray, x: np.ndarray) -> dict[str, float]:
+    """[m] by how much conditions that a firmware does not know move the nozzles x (N, 3) at most, where they do."""
+    if not model.effects:
+        return {}
+    usual = _conditions(model, 1)
+    changes = [("1 kg of payload", {"payload": 1.0}), ("10 °C more", {"temp": 30.0}), ("an hour", {"time": 3600.0})]
+    changes += [("the direction of motion", dict.fromkeys(_directions(model), sign)) for sign in (1.0, -1.0)]
+    known = {"temp", "time", *_directions(model)}
+    changes += [(f"1 more of {name}", {name: 1.0}) for name in usual.columns if name not in known]
+    out: dict[str, float] = {}
+    for what, change in changes:
+        there, moved = _nozzle(model, q, _conditions(model, len(q), **change))
+        most = float(np.linalg.norm(moved - x, axis=1)[there.reached].max(initial=0.0))
+        if most > 1e-7:
+            out[what] = max(most, out.get(what, 0.0))
+    return out
 
 
 def _grid(robot: Robot) -> np.ndarray:

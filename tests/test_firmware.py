@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import firmware
+from pcalib import effects, firmware, prediction, wording
 from pcalib import robot as robots
 from pcalib.errors import InputError
 from pcalib.mechanics import kinematics
-from pcalib.model import Model
+from pcalib.model import FittedEffect, Frame, Model
+from pcalib.prediction import Conditions
 
 MODELS = Path(__file__).parents[1] / "models"
 ROBOT = robots.load(MODELS / "linear_delta.toml")
@@ -114,6 +115,65 @@ def test_what_is_lost_is_what_separates_the_models():
         for step in (-2e-5, 2e-5):
             other = replace(found.arms, **{name: getattr(found.arms, name) + step})
             assert np.mean(np.sum((other.nozzle(q) - pose.x) ** 2, axis=1)) > np.mean(miss**2)
+
+
+def with_effects(model, **theta):
+    """A model with effects of the library, one number each."""
+    found = [effects.get(name, robot=model.robot) for name in theta]
+    return replace(
+        model, effects=tuple(FittedEffect(e, np.full(len(e.parameters), theta[e.name]), e.name) for e in found)
+    )
+
+
+def test_a_gear_ratio_goes_into_the_scale():
+    """A firmware holds it whole: only the frame and the instrument's scale, which move no nozzle, are left out."""
+    plain = replace_joint_max(Model(ROBOT, printer(ARMS), "complete"))
+    model = with_effects(replace(plain, frame=Frame(translation=np.ones(3))), gear_ratio=2e-3, tracker_scale=1e-3)
+    found = firmware.configuration(model)
+    assert found.arms.scale == pytest.approx(1.002 * ARMS.scale, abs=1e-9)
+    assert found.largest < 1e-9 and found.unknown == {} and found.effects == ("gear_ratio", "tracker_scale")
+    q = commands()
+    there = prediction.predict(with_effects(plain, gear_ratio=2e-3), q, Conditions.of(len(q))).position
+    assert np.abs(there - found.arms.nozzle(q)).max() < 1e-9
+    assert np.linalg.norm(there - ARMS.nozzle(q), axis=1).max() > 5e-4
+    assert "Level complete with gear_ratio, tracker_scale has no more than that" in found.statement()
+    assert "rotation_distance: the present value times 1.0020000" in found.klipper()
+
+
+def test_what_effects_leave_is_in_the_loss():
+    """Springs under the robot's own weight: of what they do the best three arms hold a part."""
+    plain = replace_joint_max(Model(ROBOT, printer(ARMS), "complete"))
+    model = with_effects(plain, drive_compliance=2e-5)
+    found = firmware.configuration(model)
+    q = commands()
+    sag, loaded = (
+        prediction.predict(model, q, Conditions(np.zeros((len(q), 3)), np.full(len(q), kg))).position for kg in (0, 1)
+    )
+    miss = np.linalg.norm(found.arms.nozzle(q) - sag, axis=1)
+    assert 1e-7 < found.rms < 0.2 * np.linalg.norm(ARMS.nozzle(q) - sag, axis=1).max()
+    assert miss.max() < 1.5 * found.largest
+    assert list(found.unknown) == ["1 kg of payload"]
+    assert found.unknown["1 kg of payload"] == pytest.approx(np.linalg.norm(loaded - sag, axis=1).max(), rel=0.3)
+    assert "without payload, at 20 °C and at rest" in found.statement() and "1 kg of payload by" in found.statement()
+    assert found.json()["unknown"][0]["max_um"] == pytest.approx(1e6 * found.unknown["1 kg of payload"])
+
+
+@pytest.mark.parametrize(
+    ("name", "theta", "condition", "least"),
+    [
+        ("thermal_rods", 2e-5, "10 °C more", 2e-5 * 10 * 0.34),
+        ("base_drift", 1e-4 / 3600, "an hour", 1e-4),
+        ("friction_hysteresis", 1e-5, "the direction of motion", 1e-6),
+        ("backlash", 1e-4, "the direction of motion", 5e-5),
+    ],
+)
+def test_conditions_that_a_firmware_does_not_know_are_said_in_figures(name, theta, condition, least):
+    plain = replace_joint_max(Model(ROBOT, printer(ARMS), "complete"))
+    found = firmware.configuration(with_effects(plain, **{name: theta}))
+    assert least < found.unknown[condition] < 100 * least
+    size = wording.size(found.unknown[condition])
+    assert f"{condition} by {size}" in found.statement()
+    assert "not looked for" not in found.statement()
 
 
 def test_other_kinds_and_other_towers_are_refused():
