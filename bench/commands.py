@@ -120,3 +120,7 @@ class Landing:
 
     def __len__(self) -> int:
         return len(self.x)
+
+    def take(self, rows: np.ndarray | slice) -> Landing:
+        """Some of the rows."""
+        return Landing(self.x[rows], self.R[rows], self.tcp[rows], self.status[rows])

@@ -28,6 +28,7 @@ from pcalib import compensation, effects
 from pcalib.data.measurement import Measurements
 from pcalib.errors import PcalibError
 from pcalib.fitting import identification
+from pcalib.mechanics import grid
 from pcalib.mechanics.mechanism import Pose
 from pcalib.model import FittedEffect, Model
 from pcalib.prediction import Conditions
@@ -207,7 +208,10 @@ def _identified(cell: Cell, method: Method, data: Measurements) -> tuple[Model, 
 def _verified(
     stand: Stand, machine: BatchMachine | Machine, commands: Mapping[str, np.ndarray]
 ) -> dict[str, Landing]:
-    """Where the true robot ends up with each method's commands, all in one go."""
+    """Where the true robot ends up with each method's commands, all in one go.
+
+    What a command of this robot does not prescribe is taken as wanted.
+    """
     goals, n = stand.goals, len(commands)
     conditions = _conditions(stand.cell, np.tile(stand.tools, (n, 1)))
     asked = Commands(
@@ -219,9 +223,16 @@ def _verified(
         landing = machine.run(asked)
     size = len(goals)
     return {
-        name: Landing(*(getattr(landing, a)[i * size : (i + 1) * size] for a in ("x", "R", "tcp", "status")))
-        for i, name in enumerate(commands)
+        name: _judged(stand, landing.take(slice(i * size, (i + 1) * size))) for i, name in enumerate(commands)
     }
+
+
+def _judged(stand: Stand, landing: Landing) -> Landing:
+    """A landing with the TCP's directions that no command prescribes as wanted."""
+    loose = grid.uncommanded(stand.cell.robot)
+    tcp = landing.tcp.copy()
+    tcp[:, loose] = np.where(np.isnan(tcp[:, loose]), np.nan, stand.goals.tcp(stand.tools)[:, loose])
+    return replace(landing, tcp=tcp)
 
 
 def _rows(

@@ -144,6 +144,17 @@ def test_other_robots(written, kind):
     assert robot.kind == kind
 
 
+def test_directions_that_no_command_prescribes_are_no_error(written):
+    """The planar robot is sent along x; where the closure lets it stand in y is not its fault."""
+    text = written.small.replace('robot = "delta"', 'robot = "planar"').replace("model24", "nominal")
+    campaign = spec.load(written(text, tools_mm="tools_mm = [[0, -100, 0]]"))
+    row = figures(rows_of(campaign), "complete", "0,-100,0mm")
+    assert row["rms_um"] < 30
+    landing, goals = trial.landings(campaign, 0)["complete"], trial.stand(campaign, 0).goals.tcp(np.array([0, -0.1, 0]))
+    assert np.array_equal(landing.tcp[:, 1:], goals[:, 1:])
+    assert row["rms_um"] == pytest.approx(1e6 * np.sqrt(np.mean((landing.tcp - goals)[:, 0] ** 2)))
+
+
 def test_targets_on_a_grid(written):
     campaign = spec.load(written(targets='places = "grid"\nspacing_mm = 200'))
     x = trial.stand(campaign, 0).targets.x * 1e3
