@@ -46,7 +46,13 @@ def accuracy(attained: np.ndarray, wanted: np.ndarray) -> Accuracy:
 
 
 def align(attained: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Attained positions (n, P, 3) after the rigid motion that best lays their barycentres on the wanted ones (P, 3).
+    """Attained positions (n, P, 3) after the :func:`motion` that best lays them on the wanted ones (P, 3)."""
+    R, t = motion(attained, wanted)
+    return attained @ R.T + t
+
+
+def motion(attained: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R (3, 3) and t (3,) [m]: R·p + t best lays the barycentres of attained positions (n, P, 3) on wanted ones (P, 3).
 
     Raises:
         ValueError: fewer than three poses were attained.
@@ -58,4 +64,4 @@ def align(attained: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     a, b = middle.mean(axis=0), wanted[seen].mean(axis=0)
     U, _, Vt = np.linalg.svd((middle - a).T @ (wanted[seen] - b))
     R = Vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T
-    return (attained - a) @ R.T + b
+    return R, b - R @ a

@@ -18,6 +18,7 @@ import numpy as np
 from bench import batch, simulate
 from bench.batch import BatchMachine
 from bench.commands import Commands, Landing
+from bench.jobs import iso9283
 from bench.jobs.campaign import samples
 from bench.jobs.campaign.cell import Cell, Method
 from bench.jobs.campaign.spec import Campaign
@@ -33,9 +34,11 @@ from pcalib.mechanics.mechanism import Pose
 from pcalib.model import FittedEffect, Model
 from pcalib.prediction import Conditions
 
-GEOMETRY, PLAN, INSTRUMENT, FAULTS, TARGETS = range(5)
+GEOMETRY, PLAN, INSTRUMENT, FAULTS, TARGETS, LANDING = range(6)
 """Streams of random numbers."""
 PERCENTILE = 95
+UNALIGNED = "unaligned"
+"""Status of a target that the robot reached with too few others to take out the rigid motion of the tracker."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,18 @@ class Stand:
         return Pose(np.tile(t.x, (T, 1)), np.tile(t.R, (T, 1, 1)), np.tile(t.phi, (T, 1)))
 
 
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """What a method made of the data."""
+
+    q: np.ndarray
+    """(T·P, nq) commands, NaN where there is none."""
+    figures: Mapping[str, Any]
+    """Of the fit."""
+    aligned: bool
+    """Whether landings are judged after the best rigid motion: the model comes from an unknown frame."""
+
+
 def run(campaign: Campaign, number: int) -> list[dict[str, Any]]:
     """The rows of trial `number`: one per method and tool, whatever happens.
 
@@ -78,18 +93,18 @@ def run(campaign: Campaign, number: int) -> list[dict[str, Any]]:
     except Exception as error:
         _let_pass(error)
         return [row for method in cell.methods for row in _failed(head, cell, method, error)]
-    calibrated: dict[str, Any] = {}
+    calibrated: dict[str, Calibrated | Exception] = {}
     for method in cell.methods:
         try:
             calibrated[method.name] = _commanded(shared, method, data)
         except Exception as error:
             _let_pass(error)
             calibrated[method.name] = error
-    good = [name for name, outcome in calibrated.items() if not isinstance(outcome, Exception)]
+    good = {name: outcome for name, outcome in calibrated.items() if isinstance(outcome, Calibrated)}
     landed: dict[str, Landing] = {}
     if good:
         try:
-            landed = _verified(shared, machine, {name: calibrated[name][0] for name in good})
+            landed = _verified(campaign, shared, robot, machine, good)
         except Exception as error:
             _let_pass(error)
             calibrated |= dict.fromkeys(good, error)
@@ -99,7 +114,7 @@ def run(campaign: Campaign, number: int) -> list[dict[str, Any]]:
         if isinstance(outcome, Exception):
             out += _failed(head, cell, method, outcome)
         else:
-            out += _rows(head, shared, method, outcome[1], len(data), landed[method.name], keep)
+            out += _rows(head, shared, method, outcome.figures, len(data), landed[method.name], keep)
     return out
 
 
@@ -126,7 +141,8 @@ def landings(campaign: Campaign, number: int) -> dict[str, Landing]:
     index, robot = divmod(number, campaign.robots)
     shared = stand(campaign, index)
     machine, data = _measured(campaign, shared, robot)
-    return _verified(shared, machine, {m.name: _commanded(shared, m, data)[0] for m in shared.cell.methods})
+    calibrated = {method.name: _commanded(shared, method, data) for method in shared.cell.methods}
+    return _verified(campaign, shared, robot, machine, calibrated)
 
 
 def steps(campaign: Campaign, number: int) -> dict[str, Callable[[], object]]:
@@ -134,11 +150,11 @@ def steps(campaign: Campaign, number: int) -> dict[str, Callable[[], object]]:
     index, robot = divmod(number, campaign.robots)
     shared = stand(campaign, index)
     machine, data = _measured(campaign, shared, robot)
-    commands = {method.name: _commanded(shared, method, data)[0] for method in shared.cell.methods}
+    calibrated = {method.name: _commanded(shared, method, data) for method in shared.cell.methods}
     out: dict[str, Callable[[], object]] = {"measuring": lambda: _measured(campaign, shared, robot)}
     for method in shared.cell.methods:
         out[f"{method.name}, fit and commands"] = lambda method=method: _commanded(shared, method, data)
-    return out | {"verifying": lambda: _verified(shared, machine, commands)}
+    return out | {"verifying": lambda: _verified(campaign, shared, robot, machine, calibrated)}
 
 
 # -- the steps ---------------------------------------------------------------------------------------------------------
@@ -160,8 +176,8 @@ def _measured(campaign: Campaign, stand: Stand, robot: int) -> tuple[BatchMachin
     return machine, data.measurements
 
 
-def _commanded(stand: Stand, method: Method, data: Measurements) -> tuple[np.ndarray, dict[str, Any]]:
-    """Commands (T·P, nq), NaN where there is none, and the figures of the fit."""
+def _commanded(stand: Stand, method: Method, data: Measurements) -> Calibrated:
+    """The commands of a method."""
     cell = stand.cell
     model, figures = _identified(cell, method, data)
     goals, tools = stand.goals, stand.tools
@@ -173,7 +189,7 @@ def _commanded(stand: Stand, method: Method, data: Measurements) -> tuple[np.nda
         conditions=conditions,
         method=method.compensation,
     )
-    return commands.q, figures
+    return Calibrated(commands.q, figures, model.frame is not None)
 
 
 def _identified(cell: Cell, method: Method, data: Measurements) -> tuple[Model, dict[str, Any]]:
@@ -206,33 +222,46 @@ def _identified(cell: Cell, method: Method, data: Measurements) -> tuple[Model, 
 
 
 def _verified(
-    stand: Stand, machine: BatchMachine | Machine, commands: Mapping[str, np.ndarray]
+    campaign: Campaign,
+    stand: Stand,
+    robot: int,
+    machine: BatchMachine | Machine,
+    calibrated: Mapping[str, Calibrated],
 ) -> dict[str, Landing]:
-    """Where the true robot ends up with each method's commands, all in one go.
+    """Where the true robot ends up with each method's commands, all in one go, as it is judged.
 
-    What a command of this robot does not prescribe is taken as wanted.
+    Its drives repeat themselves as badly as while it was measured, at each target alike for all methods.
     """
-    goals, n = stand.goals, len(commands)
-    conditions = _conditions(stand.cell, np.tile(stand.tools, (n, 1)))
-    asked = Commands(
-        np.concatenate(list(commands.values())), conditions.tool, conditions.payload, conditions.columns
-    )
-    if isinstance(machine, BatchMachine):
-        landing = machine.run(asked, near=(np.tile(goals.x, (n, 1)), np.tile(goals.R, (n, 1, 1))))
-    else:
-        landing = machine.run(asked)
+    cell, goals, n = stand.cell, stand.goals, len(calibrated)
+    conditions = _conditions(cell, np.tile(stand.tools, (n, 1)))
+    q = np.concatenate([c.q for c in calibrated.values()])
+    asked = Commands(q, conditions.tool, conditions.payload, conditions.columns)
     size = len(goals)
+    seed, drives = _seed(campaign.seed, robot, LANDING), cell.robot.mechanism.actuator_dimension
+    miss = np.tile(cell.instrument.joint_noise(q[:size], drives, seed, np.arange(size)), (n, 1))
+    if isinstance(machine, BatchMachine):
+        landing = machine.run(asked, miss, near=(np.tile(goals.x, (n, 1)), np.tile(goals.R, (n, 1, 1))))
+    else:
+        landing = machine.run(asked, miss)
     return {
-        name: _judged(stand, landing.take(slice(i * size, (i + 1) * size))) for i, name in enumerate(commands)
+        name: _judged(stand, landing.take(slice(i * size, (i + 1) * size)), one.aligned)
+        for i, (name, one) in enumerate(calibrated.items())
     }
 
 
-def _judged(stand: Stand, landing: Landing) -> Landing:
-    """A landing with the TCP's directions that no command prescribes as wanted."""
-    loose = grid.uncommanded(stand.cell.robot)
-    tcp = landing.tcp.copy()
-    tcp[:, loose] = np.where(np.isnan(tcp[:, loose]), np.nan, stand.goals.tcp(stand.tools)[:, loose])
-    return replace(landing, tcp=tcp)
+def _judged(stand: Stand, landing: Landing, aligned: bool) -> Landing:
+    """A landing with the TCP's directions that no command prescribes as wanted, and aligned, tool by tool."""
+    loose, goals = grid.uncommanded(stand.cell.robot), stand.goals.tcp(stand.tools)
+    tcp, R, status = landing.tcp.copy(), landing.R.copy(), landing.status.copy()
+    tcp[:, loose] = np.where(np.isnan(tcp[:, loose]), np.nan, goals[:, loose])
+    P = len(stand.targets)
+    for here in (slice(i, i + P) for i in range(0, len(tcp) if aligned else 0, P)):
+        if landing.ok[here].sum() < 3:
+            status[here][landing.ok[here]] = UNALIGNED
+            continue
+        turn, shift = iso9283.motion(tcp[None, here], goals[here])
+        tcp[here], R[here] = tcp[here] @ turn.T + shift, turn @ R[here]
+    return Landing(landing.x, R, tcp, status)
 
 
 def _rows(
@@ -251,7 +280,10 @@ def _rows(
         ok = landing.ok[here]
         row = {**head, **_named(method, tool), "targets": P, "reached": int(ok.sum()), "measured": rows, **figures}
         if not ok.any():
-            out.append({**row, "status": "failed", "reason": "the robot reached none of the targets"})
+            reason = "the robot reached none of the targets"
+            if (landing.status[here] == UNALIGNED).any():
+                reason = "the robot reached fewer than three of the targets: no rigid motion can be taken out"
+            out.append({**row, "status": "failed", "reason": reason})
             continue
         um = error[here][ok] * 1e6
         out.append(

@@ -170,10 +170,35 @@ def test_plans(written, plan):
     assert figures(first, "complete")["rms_um"] != figures(second, "complete")["rms_um"]
 
 
-def test_position_only_and_an_unknown_tracker(written):
+def test_position_only(written):
     text = written.small + 'reads = "position"\n'
     pose = figures(rows_of(spec.load(written(poses="poses = 30"))), "complete")
     position = figures(rows_of(spec.load(written(text, "p.toml", poses="poses = 30"))), "complete")
     assert position["rms_um"] > 3 * pose["rms_um"]  # the tilt is not seen with one tool
-    tracker = written(poses="poses = 30", sigma_rot_deg='sigma_rot_deg = 0.005\nframe = "tracker"')
-    assert figures(rows_of(spec.load(tracker)), "complete")["status"] == "ok"
+
+
+def test_a_tracker_of_unknown_place_costs_no_accuracy(written):
+    """Its model cannot know where the base stands: landings are judged after the best rigid motion, as by verify."""
+    base = figures(rows_of(spec.load(written(poses="poses = 30"))), "complete")
+    unknown = {"poses": "poses = 30", "sigma_rot_deg": 'sigma_rot_deg = 0.005\nframe = "tracker"'}
+    tracker = figures(rows_of(spec.load(written(**unknown))), "complete")
+    assert tracker["rms_um"] < 1.5 * base["rms_um"] and tracker["tilt_urad"] < 1.5 * base["tilt_urad"]
+    few = figures(rows_of(spec.load(written(targets="targets = 2", **unknown))), "complete")
+    assert few["status"] == "failed" and "fewer than three of the targets: no rigid motion" in few["reason"]
+
+
+def test_drives_repeat_themselves_no_better_while_landing(written):
+    sigma = np.radians(0.02)
+    text = written.small.replace("model24", "nominal").replace("sigma_length_mm = 0.1", "sigma_length_mm = 0")
+    noise = "sigma_rot_deg = 0.005\nsigma_joint_deg = 0.02"
+    exact = written(text, sigma_angle_deg="sigma_angle_deg = 0", sigma_rot_deg=noise, targets="targets = 100")
+    campaign = spec.load(exact)
+    row = figures(rows_of(campaign), "nominal", "0,0,0mm")
+    stand = trial.stand(campaign, 0)
+    robot, x = stand.cell.robot, stand.targets.x
+    q = compensation.compensate(Model.nominal(robot), x).q
+    step = 1e-6 * np.eye(3)
+    J = np.stack([Machine(robot).land(q + h).tcp - Machine(robot).land(q - h).tcp for h in step], axis=-1) / 2e-6
+    expected = sigma * np.sqrt(np.sum(J**2, axis=(1, 2)).mean())
+    assert row["rms_um"] == pytest.approx(expected * 1e6, rel=0.2)
+    assert row["rms_um"] != figures(rows_of(campaign, 1), "nominal", "0,0,0mm")["rms_um"]
