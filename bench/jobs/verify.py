@@ -103,10 +103,10 @@ class Verification:
         return int((self.status != "ok").any(axis=0).sum())
 
     @property
-    def not_landed(self) -> int:
-        """Those of them that had a command in every cycle, which the robot could not carry out."""
-        lost = np.isin(self.status, ("not_converged", "wrong_branch", "joint_limit"))
-        return int(lost.any(axis=0).sum())
+    def reasons(self) -> dict[str, int]:
+        """Why targets were not attained, with how often in all cycles."""
+        words, counts = np.unique(self.status[self.status != "ok"], return_counts=True)
+        return dict(zip(words.tolist(), counts.tolist(), strict=True))
 
 
 def run(

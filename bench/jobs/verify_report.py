@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,12 +16,14 @@ from pcalib.wording import size
 
 @dataclass(frozen=True)
 class Check:
-    """A limit that was asked for, of a length [m] or of a number of commands."""
+    """A limit that was asked for, of a length [m] or of a number of targets."""
 
     name: str
     limit: float
     found: float
     length: bool = True
+    why: str = ""
+    """What is behind the figure, where there is more to say."""
 
     @property
     def held(self) -> bool:
@@ -36,7 +39,8 @@ class Check:
     def sentence(self) -> str:
         """The outcome in one line."""
         limit, found = (_told(v) if self.length else f"{v:g}" for v in (self.limit, self.found))
-        return f"{self.name} ≤ {limit}: {'holds' if self.held else 'DOES NOT HOLD'}, found {found}"
+        why = f" ({self.why})" if self.why else ""
+        return f"{self.name} ≤ {limit}: {'holds' if self.held else 'DOES NOT HOLD'}, found {found}{why}"
 
 
 def _told(metres: float) -> str:
@@ -44,8 +48,14 @@ def _told(metres: float) -> str:
     return f"{metres * 1e3:.4g} mm" if metres >= 1e-3 else f"{metres * 1e6:.4g} µm"
 
 
-def checks(done: Mapping[str, Verification], limits: Mapping[str, float]) -> list[Check]:
-    """The limits that are given, 'rms', 'max', 'ap', 'rp' [m], over all tools; and that every command landed."""
+def checks(
+    done: Mapping[str, Verification], limits: Mapping[str, float], max_failed: int | None = None
+) -> list[Check]:
+    """The limits that are given, 'rms', 'max', 'ap', 'rp' [m], over all tools; and that enough targets were attained.
+
+    Args:
+        max_failed: targets that may fail; none where a limit is given and this is not.
+    """
     figures = [v.accuracy for v in done.values()]
     found = {
         "rms": max(a.rms for a in figures),
@@ -54,8 +64,15 @@ def checks(done: Mapping[str, Verification], limits: Mapping[str, float]) -> lis
         "rp": max(float(np.nanmax(a.rp)) for a in figures),
     }
     asked = [Check(name, limit, found[name]) for name, limit in limits.items()]
-    lost = sum(v.not_landed for v in done.values())
-    return asked + ([Check("commands not landed", 0, lost, length=False)] if asked else [])
+    if not asked and max_failed is None:
+        return []
+    failed = sum(v.failed for v in done.values())
+    why = sum((Counter(v.reasons) for v in done.values()), Counter())
+    return [*asked, Check("targets not attained", max_failed or 0, failed, length=False, why=_counted(why))]
+
+
+def _counted(reasons: Mapping[str, int]) -> str:
+    return ", ".join(f"{count}× {word}" for word, count in reasons.items())
 
 
 def content(done: Mapping[str, Verification], asked: list[Check]) -> dict[str, Any]:
@@ -98,8 +115,7 @@ def show(model: str, done: Mapping[str, Verification], asked: list[Check]) -> No
         frame.say("Nothing in this truth differs between cycles: one stands for all of them, and RP is zero.")
     for label, v in done.items():
         if v.failed:
-            words, counts = np.unique(v.status[v.status != "ok"], return_counts=True)
-            why = ", ".join(f"{count}× {word}" for word, count in zip(words, counts, strict=True))
-            frame.say(f"- {label}: {v.failed} of {len(v.task.position)} targets not reached in every cycle ({why}).")
+            said = f"{v.failed} of {len(v.task.position)} targets not reached in every cycle ({_counted(v.reasons)})"
+            frame.say(f"- {label}: {said}.")
     for check in asked:
         frame.say(f"- {check.sentence()}")

@@ -107,7 +107,7 @@ def test_what_is_not_reached_is_counted_and_left_out(truth, task):
     position = np.vstack([task.position, [[0.0, 0.0, -3.0]]])
     far = verify.Task(position, None, verify.Conditions.of(len(position), TOOL))
     done = verify.run(perfect(truth), truth, far)
-    assert done.failed == 1 and done.not_landed == 0 and done.status[0, -1] == "outside_workspace"
+    assert done.failed == 1 and done.reasons == {"outside_workspace": 1}
     assert done.accuracy.max < 1e-12
     with pytest.raises(ReachError, match="no target was reached"):
         verify.run(perfect(truth), truth, verify.Task(far.position[-1:], None, verify.Conditions.of(1, TOOL)))
@@ -128,7 +128,9 @@ def files(truth, tmp_path) -> list[str]:
     k[truth.robot.mechanism.index("l11")] += 1e-4
     modelfile.save(tmp_path / "m.toml", Model(truth.robot, k, "complete"))
     (tmp_path / "t.toml").write_text(truths.dumps(truth))
-    (tmp_path / "targets.csv").write_text("x_mm,y_mm,z_mm\n0,0,-1100\n100,-50,-1150\n0,0,-3000\n")
+    near = "x_mm,y_mm,z_mm\n0,0,-1100\n100,-50,-1150\n"
+    (tmp_path / "near.csv").write_text(near)
+    (tmp_path / "targets.csv").write_text(near + "0,0,-3000\n")
     return [str(tmp_path / "m.toml"), str(tmp_path / "t.toml")]
 
 
@@ -144,6 +146,7 @@ def test_command_figures_and_exit_codes(files, tmp_path, capsys):
     assert 10 < tool["rms_um"] < 500 and tool["rp_max_um"] == 0
     assert "1× outside_workspace" in text and text.startswith("By model m.toml the TCP lands within")
     rms = tool["rms_um"]
+    targets[1] = str(tmp_path / "near.csv")
     assert cli.main(["verify", *files, *targets, "--max-rms", f"{1.01 * rms}um", "--max", "1.5mm"]) == 0
     said = capsys.readouterr().out
     assert f"- rms ≤ {1.01 * rms:.4g} µm: holds, found {rms:.4g} µm\n- max ≤ 1.5 mm: holds, found " in said
@@ -151,10 +154,21 @@ def test_command_figures_and_exit_codes(files, tmp_path, capsys):
     assert "µm: DOES NOT HOLD, found" in capsys.readouterr().out
     checks = json.loads(out.read_text())["checks"]
     assert [(c["name"], c["unit"], c["held"]) for c in checks] == [
-        ("rms", "um", False), ("commands not landed", "1", True)
+        ("rms", "um", False), ("targets not attained", "1", True)
     ]  # fmt: skip
     assert checks[0]["limit"] == pytest.approx(0.99 * rms) and checks[0]["found"] == pytest.approx(rms)
     assert cli.main(["verify", *files, *targets, "--max-rms-um", str(0.99 * rms)]) == 1  # its former name
+
+
+def test_a_limit_does_not_hold_where_targets_were_refused(files, tmp_path, capsys):
+    """However good the others are, unless they may fail."""
+    verify_far = ["verify", *files, "--targets", str(tmp_path / "targets.csv"), "--tool", "0,0,-300mm"]
+    for limit in (["--max-rms", "1mm"], ["--max-failed", "0"]):
+        assert cli.main([*verify_far, *limit]) == 1
+        line = capsys.readouterr().out.splitlines()[-1]
+        assert line == "- targets not attained ≤ 0: DOES NOT HOLD, found 1 (1× outside_workspace)"
+    assert cli.main([*verify_far, "--max-rms", "1mm", "--max-failed", "1"]) == 0
+    assert "targets not attained ≤ 1: holds, found 1 (1× outside_workspace)" in capsys.readouterr().out
 
 
 def test_command_on_the_grid_with_several_tools(files, capsys):
@@ -175,6 +189,7 @@ def test_bad_input_is_one_message(files, tmp_path, capsys):
         ([*files, "--payload", "-1kg"], "cannot be negative"),
         ([*files, "--max", "-5um"], "max ≤ -5 µm cannot hold"),
         ([*files, "--max", "5"], "no unit"),
+        ([*files, "--max-failed", "-1"], "--max-failed -1 cannot hold"),
         ([*files, "--json", "/no/such/folder/v.json"], "no such folder"),
         ([*files, "--targets", str(with_tool), "--tool", "0,0,-1mm"], "keep one"),
         ([*files, "--targets", str(with_tool), "--payload", "1kg"], "keep one"),
