@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.jobs.campaign.summary import Group, Summary, select, short, tool_text
+from bench.jobs.campaign.summary import Group, Summary, select, tool_text
+from bench.jobs.campaign.sweep import short
 from pcalib import units
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bench.jobs.campaign import spec, trial
-from bench.jobs.campaign.summary import Group, Summary, select, short, tool_text
+from bench.jobs.campaign.summary import Group, Summary, select, tool_text
+from bench.jobs.campaign.sweep import short
 from pcalib.errors import PcalibError
 from pcalib.ladder import ErrorMap
 from pcalib.model import Model

@@ -20,6 +20,7 @@ import numpy as np
 from bench.jobs.campaign import run, store, summary, trial
 from bench.jobs.campaign.spec import Campaign
 from bench.jobs.campaign.summary import Group
+from bench.jobs.campaign.sweep import short
 from pcalib import files
 from pcalib.errors import InputError
 
@@ -87,7 +88,10 @@ def measure(
             Figure(f"{name}: failed robots", "failed", float(group.failed)),
             Figure(f"{name}: targets reached", "reached", group.reached),
         ]
-    return out + (timings(campaign) if speed else [])
+    out += timings(campaign) if speed else []
+    names = [figure.name for figure in out]
+    assert len(set(names)) == len(names), "figures of one name would hide each other"
+    return out
 
 
 def timings(campaign: Campaign) -> list[Figure]:
@@ -144,7 +148,7 @@ def _verdict(kind: str, before: float, now: float, campaign: Campaign) -> str:
 
 
 def _name(group: Group, paths: list[str]) -> str:
-    point = [f"{path} = {summary.short(group.point[path])}" for path in paths]
+    point = [f"{path} = {short(group.point[path])}" for path in paths]
     return ", ".join([*point, group.method, f"tool {summary.tool_text(group)} mm"])
 
 

@@ -26,6 +26,7 @@ import pyarrow.parquet as pq
 
 import bench
 from bench.jobs.campaign.spec import SCHEMA, Campaign
+from bench.jobs.campaign.sweep import label
 from pcalib import files
 from pcalib.errors import InputError
 
@@ -102,13 +103,6 @@ def schema(campaign: Campaign) -> pa.Schema:
 def column(path: str) -> str:
     """The column of a swept key."""
     return "robot.name" if path == "robot" else path
-
-
-def label(value: Any) -> Any:
-    """A swept value as a number, a truth value or text."""
-    if isinstance(value, Mapping):
-        return str(value.get("name", json.dumps(value, sort_keys=True)))
-    return json.dumps(value) if isinstance(value, list) else value
 
 
 def _type(values: list[Any]) -> pa.DataType:

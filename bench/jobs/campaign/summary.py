@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from bench.jobs.campaign.store import KEY
+from bench.jobs.campaign.sweep import short
 from pcalib.data import table as tables
 from pcalib.wording import size
 
@@ -186,12 +187,7 @@ def as_json(summary: Summary) -> dict[str, Any]:
 def tool_text(group: Group) -> str:
     """A tool as tables show it: its length, or all of it where it does not hang straight down."""
     straight = group.tool.startswith("0,0,-") or group.tool == "0,0,0mm"
-    return f"{group.tool_length * 1e3:g}" if straight else group.tool.removesuffix("mm")
-
-
-def short(value: Any) -> str:
-    """A swept value as tables show it."""
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{group.tool_length * 1e3:.12g}" if straight else group.tool.removesuffix("mm")
 
 
 def select(groups: Sequence[Group], **wanted: Any) -> list[Group]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -34,13 +35,28 @@ def axes(tables: Any) -> tuple[tuple[Point, ...], ...]:
     if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
         raise InputError("'sweep' must be written as [[sweep]]", column="sweep")
     seen: set[str] = set()
-    return tuple(_axis(number, table, seen) for number, table in enumerate(tables, 1))
+    out = tuple(_axis(number, table, seen) for number, table in enumerate(tables, 1))
+    for number, steps in enumerate(out, 1):
+        _distinct(number, steps)
+    return out
 
 
 def combinations(steps: Sequence[Sequence[Point]]) -> Iterator[Point]:
     """Every combination, the last axis fastest; one empty point where there are no axes."""
     for chosen in itertools.product(*steps):
         yield {path: value for point in chosen for path, value in point.items()}
+
+
+def label(value: Any) -> Any:
+    """A swept value as a number, a truth value or text."""
+    if isinstance(value, Mapping):
+        return str(value.get("name", json.dumps(value, sort_keys=True)))
+    return json.dumps(value) if isinstance(value, list) else value
+
+
+def short(value: Any) -> str:
+    """The label of a swept value as tables show it."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def applied(table: Mapping[str, Any], point: Point) -> dict[str, Any]:
@@ -78,6 +94,19 @@ def _axis(number: int, table: Mapping[str, Any], seen: set[str]) -> tuple[Point,
             remedy="make them equally long, or give each its own [[sweep]] to cross them",
         )  # fmt: skip
     return tuple(dict(zip(lists, step, strict=True)) for step in zip(*lists.values(), strict=True))
+
+
+def _distinct(number: int, steps: Sequence[Point]) -> None:
+    """That tables and figures can tell the steps of an axis apart."""
+    named: set[str] = set()
+    for step in steps:
+        name = ", ".join(f"{path} = {short(label(value))}" for path, value in step.items())
+        if name in named:
+            raise InputError(
+                f"[sweep[{number}]]: two steps are called '{name}'", column=next(iter(step)),
+                remedy="give robot files names of their own, and numbers that differ in their first six digits",
+            )  # fmt: skip
+        named.add(name)
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -316,7 +316,7 @@ def _named(method: Method, tool: np.ndarray) -> dict[str, Any]:
 
 def tool_label(tool: np.ndarray) -> str:
     """A tool as a command line takes it: '0,0,-300mm'."""
-    return ",".join(f"{round(float(v) * 1e3, 6) + 0.0:g}" for v in tool) + "mm"
+    return ",".join(f"{round(float(v) * 1e3, 6) + 0.0:.12g}" for v in tool) + "mm"
 
 
 def _let_pass(error: Exception) -> None:

@@ -167,6 +167,18 @@ def test_verdicts(written):
     assert verdict("error", None, 1.0) == "new" and verdict("error", 1.0, None) == "gone"
 
 
+def test_tools_that_differ_by_little_have_figures_of_their_own(written):
+    text = written.small.replace('[[method]]\nname = "complete"\n', "")
+    campaign = spec.load(written(text, robots="robots = 1", tools_mm="tools_mm = [300.0001, 300.0002]"))
+    assert len(regress.measure(campaign, speed=False)) == 10
+
+
+def test_figures_of_one_name_do_not_pass(written, monkeypatch):
+    monkeypatch.setattr(regress, "_name", lambda group, paths: group.method)  # of two tools
+    with pytest.raises(AssertionError, match="hide each other"):
+        regress.measure(spec.load(written(robots="robots = 1")), speed=False)
+
+
 def test_a_figure_that_is_gone_is_a_regression():
     changes = [Change("a: RMS", "error", 1e-4, None, "gone"), Change("b: RMS", "error", None, 1e-4, "new")]
     assert changes[0].regression and not changes[1].regression

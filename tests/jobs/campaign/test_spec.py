@@ -9,6 +9,7 @@ import pytest
 
 from bench.jobs.campaign import spec, sweep
 from bench.jobs.campaign.cell import PRESETS
+from bench.kinds import MODELS
 from pcalib.errors import InputError
 
 HEAD = 'name = "x"\nrobot = "delta"\n'
@@ -187,6 +188,14 @@ REFUSED = {
         '[[sweep]]\n"plan.poses" = [20, -3]',
         r"\[sweep\[1\]\] plan.poses = -3 is impossible: \[plan\] 'poses'",
     ),
+    "sweep over one name": (
+        '[[sweep]]\nrobot = ["a.toml", "b.toml"]',
+        r"\[sweep\[1\]\]: two steps are called 'robot = delta'.*names of their own",
+    ),
+    "sweep over numbers that tables cannot tell apart": (
+        '[[sweep]]\n"instrument.sigma_pos_mm" = [0.1, 0.10000001]',
+        r"two steps are called 'instrument.sigma_pos_mm = 0.1'.*first six digits",
+    ),
     "sweep of the seed": ('[[sweep]]\n"seed" = [1, 2]', "unknown section to sweep 'seed'"),
     "sweep into a value": ('[[sweep]]\n"plan.poses.more" = [1]', "leads nowhere|must be"),
     "sweep that is a table": ("[sweep]\nplan = 3", r"written as \[\[sweep\]\]"),
@@ -197,6 +206,8 @@ REFUSED = {
 def test_what_cannot_be_run_is_refused_with_its_key(written, case):
     text, message = REFUSED[case]
     head = HEAD.replace("delta", "dleta") if case == "unknown robot" else HEAD
+    for name in ("a.toml", "b.toml") if case == "sweep over one name" else ():
+        (written.folder / name).write_text((MODELS / "delta.toml").read_text())
     base = "[plan]\nposes = 20\n" if case == "sweep into a value" else ""
     path = written(head + base + text)
     with pytest.raises(InputError, match="(?s)" + message) as refused:
