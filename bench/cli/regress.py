@@ -38,7 +38,7 @@ def command(
         baseline: Baseline file (JSON).
         update: Write the baseline anew instead of failing.
         reason: Why the figures may change; kept in the baseline's history.
-        speed: Whether to compare speed; --no-speed leaves it out.
+        speed: Whether to compare speed; --no-speed leaves it out, and the times of a baseline as they are.
         workers: Processes for the accuracy figures.
         junit: Write JUnit XML to this file.
         markdown: Write a Markdown summary to this file; for $GITHUB_STEP_SUMMARY.
@@ -70,7 +70,8 @@ def command(
         files.write_text(markdown, regress_report.markdown(campaign.name, changes))
     frame.write_json(json, regress_report.as_json(campaign.name, changes))
     if update:
-        regress.save(baseline, campaign, found, changes, reason)
+        kept = {} if speed else regress.times(baseline, campaign)
+        regress.save(baseline, campaign, found | kept, changes, reason)
         frame.say(f"baseline written to {baseline}")
         return frame.OK
     return frame.NOT_HELD if any(change.regression for change in changes) else frame.OK

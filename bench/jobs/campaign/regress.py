@@ -164,8 +164,7 @@ def load(path: Path, campaign: Campaign) -> dict[str, Figure]:
     if not path.exists():
         raise InputError("no such baseline", file=path, remedy='make one with --update --reason "first baseline"')
     content = _content(path)
-    changed = list(store.differences(_relevant(content["spec"]), _relevant(json.loads(campaign.source))))
-    if changed:
+    if changed := _changed(content, campaign):
         raise InputError(
             f"the baseline belongs to another spec: {'; '.join(changed[:4])}", file=path,
             remedy='make it anew with --update --reason "what changed and why"',
@@ -176,6 +175,13 @@ def load(path: Path, campaign: Campaign) -> dict[str, Figure]:
 def earlier(path: Path) -> dict[str, Figure]:
     """The figures of whatever baseline was there before; none where there was none."""
     return _figures(_content(path)) if path.exists() else {}
+
+
+def times(path: Path, campaign: Campaign) -> dict[str, Figure]:
+    """The times of a baseline that belongs to this spec, to be kept where none are taken; none of another spec."""
+    if not path.exists() or _changed(_content(path), campaign):
+        return {}
+    return {name: figure for name, figure in earlier(path).items() if figure.kind == "time"}
 
 
 def _figures(content: Mapping[str, Any]) -> dict[str, Figure]:
@@ -213,6 +219,11 @@ def _content(path: Path) -> dict[str, Any]:
     if content.get("schema") != SCHEMA or not all(isinstance(content.get(key), kind) for key, kind in shapes.items()):
         raise InputError("is no baseline of pcbench regress", file=path, remedy=remedy)
     return content
+
+
+def _changed(content: Mapping[str, Any], campaign: Campaign) -> list[str]:
+    """Where the spec of a baseline and this one differ."""
+    return list(store.differences(_relevant(content["spec"]), _relevant(json.loads(campaign.source))))
 
 
 def _relevant(spec: dict[str, Any]) -> dict[str, Any]:

@@ -101,6 +101,18 @@ def test_what_got_slower_is_named(written, tmp_path, capsys):
     assert times and named and all(line.strip().startswith("model24") and "time" in line for line in named)
 
 
+def test_an_update_without_speed_keeps_the_times(written, tmp_path):
+    spec_file, base = written(robots="robots = 1"), tmp_path / "base.json"
+    arguments = ["regress", str(spec_file), "--baseline", str(base), "--update", "--reason", "so"]
+    assert main(arguments) == 0
+    before = json.loads(base.read_text())["figures"]
+    assert main([*arguments, "--no-speed"]) == 0
+    assert json.loads(base.read_text())["figures"] == before and any(f["kind"] == "time" for f in before.values())
+    written(robots="robots = 1", poses="poses = 15")  # times of another spec are no measure
+    assert main([*arguments, "--no-speed"]) == 0
+    assert all(f["kind"] != "time" for f in json.loads(base.read_text())["figures"].values())
+
+
 def test_update_keeps_the_reasons(held, tmp_path, capsys):
     base = tmp_path / "base.json"
     content = json.loads(base.read_text())
