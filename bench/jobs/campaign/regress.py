@@ -76,7 +76,7 @@ def measure(
 ) -> list[Figure]:
     """The figures of a campaign, run in a folder that is thrown away."""
     with tempfile.TemporaryDirectory(prefix="pcbench-") as folder:
-        outcome = run.run(campaign, Path(folder) / "campaign", workers, progress=progress)
+        outcome = run.run(campaign, Path(folder) / "campaign", workers, progress=progress, inside=workers == 1)
         found = summary.read(outcome.results)
     out: list[Figure] = []
     for group in found.groups:

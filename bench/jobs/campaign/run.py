@@ -35,6 +35,8 @@ def run(
     n_workers: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[int], None] = lambda done: None,
+    *,
+    inside: bool = False,
 ) -> Outcome:
     """Bring a campaign to its end, from wherever it stands.
 
@@ -43,6 +45,7 @@ def run(
         n_workers: processes on this machine; one per core when absent.
         scheduler: address of a dask scheduler, instead.
         progress: called with the number of robots just done, those of earlier runs first.
+        inside: do all in this process: it starts at once, but a robot that kills its process ends the run.
 
     Raises:
         InputError: the folder belongs to another spec or cannot be written, or there is no such scheduler.
@@ -55,7 +58,7 @@ def run(
         todo = kept.missing()
         progress(campaign.n_trials - sum(len(parts[number]) for number in todo))
         begun, done = time.perf_counter(), 0
-        for number, content in workers.stream(campaign, todo, n_workers, scheduler):
+        for number, content in workers.stream(campaign, todo, n_workers, scheduler, inside):
             kept.write(number, content)
             done += len(parts[number])
             progress(len(parts[number]))

@@ -35,6 +35,7 @@ KEY = b"pcbench.campaign"
 TRIALS = b"pcbench.trials"
 """Metadata of a part: its first and last trial."""
 PACKAGES = ("pcalib", "numpy", "scipy", "mujoco", "pyarrow")
+CLAIM, RESULTS = "campaign.json", "results.parquet"
 GROUP_ROWS = 60_000
 """Rows per row group of the results: what has to be in memory at once."""
 _FIXED = [
@@ -139,7 +140,7 @@ class Store:
 
     def __init__(self, campaign: Campaign, folder: Path):
         self.campaign, self.folder = campaign, folder
-        self.results = folder / "results.parquet"
+        self.results = folder / RESULTS
         self._parts = folder / "parts"
         self._key = (schema(campaign).metadata or {})[KEY]
 
@@ -213,6 +214,9 @@ def opened(campaign: Campaign, folder: Path) -> Iterator[Store]:
     except OSError as error:
         raise InputError(f"cannot be made: {error.strerror}", file=folder, remedy="name a folder") from None
     with _lock(folder):
+        for name in (CLAIM, RESULTS):
+            for litter in folder.glob(f".{name}.*"):  # of a run that was killed while writing
+                litter.unlink()
         _claim(campaign, folder)
         yield Store(campaign, folder)
 
@@ -234,7 +238,7 @@ def _lock(folder: Path) -> Iterator[None]:
 
 
 def _claim(campaign: Campaign, folder: Path) -> None:
-    path = folder / "campaign.json"
+    path = folder / CLAIM
     ours = {"schema": SCHEMA, "versions": dict(versions()), "spec": json.loads(campaign.source)}
     if not path.exists():
         strangers = [p.name for p in folder.iterdir() if not p.name.startswith(".")]

@@ -1,4 +1,4 @@
-"""Where trials run: in this process, in processes on this machine, or on an existing dask cluster.
+"""Where trials run: in processes on this machine, on an existing dask cluster, or in this process where asked.
 
 All three give the same results. A worker that dies takes nothing with it but the parts it was at, which are done anew.
 """
@@ -43,14 +43,17 @@ def rows(campaign: spec.Campaign, trials: Iterable[int]) -> list[dict[str, Any]]
 
 
 def stream(
-    campaign: spec.Campaign, parts: list[int], workers: int, scheduler: str | None
+    campaign: spec.Campaign, parts: list[int], workers: int, scheduler: str | None, inside: bool = False
 ) -> Iterator[tuple[int, bytes]]:
     """(number, content) of parts, in the order in which they get done.
+
+    Args:
+        inside: do them in this process, which a robot may kill.
 
     Raises:
         InputError: no such scheduler, or a cluster with other versions.
     """
-    if scheduler is None and workers == 1:
+    if inside:
         yield from ((part, perform(campaign.source, part)) for part in parts)
         return
     todo, deaths = list(parts), 0

@@ -61,7 +61,7 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
 
 def test_the_same_bytes_although_a_worker_is_killed(written, tmp_path, cluster):
     campaign = spec.load(written(robots="robots = 40", part_robots="part_robots = 1"))
-    run.run(campaign, tmp_path / "here", 1)
+    run.run(campaign, tmp_path / "here", 1, inside=True)
     done = 0
 
     def progress(robots: int) -> None:
@@ -81,7 +81,7 @@ def test_from_the_command_line(written, tmp_path, cluster, capsys):
     folder = tmp_path / "out"
     assert main(["campaign", str(written()), "-o", str(folder), "--scheduler", cluster.address, "--no-figures"]) == 0
     assert "6 robots in" in capsys.readouterr().out
-    run.run(spec.load(written()), tmp_path / "here", 1)
+    run.run(spec.load(written()), tmp_path / "here", 1, inside=True)
     assert (folder / "results.parquet").read_bytes() == (tmp_path / "here" / "results.parquet").read_bytes()
 
 

@@ -40,7 +40,7 @@ def begun(spec_file: Path, folder: Path, *options: str) -> subprocess.Popen[byte
 def reference(written, tmp_path) -> tuple[spec.Campaign, str]:
     """The small campaign and the digest of its results, done in this process."""
     campaign = spec.load(written())
-    run.run(campaign, tmp_path / "reference", 1)
+    run.run(campaign, tmp_path / "reference", 1, inside=True)
     return campaign, digest(tmp_path / "reference")
 
 
@@ -58,18 +58,19 @@ def test_what_a_campaign_leaves(reference, tmp_path):
     assert kept == [robot < 1 for robot in table["robot"].to_pylist()]  # map_robots = 1
 
 
-def test_any_number_of_workers(reference, tmp_path):
+@pytest.mark.parametrize("n_workers", [1, 2])
+def test_any_number_of_workers(reference, tmp_path, n_workers):
     campaign, expected = reference
     done: list[int] = []
-    outcome = run.run(campaign, tmp_path / "two", 2, progress=done.append)
-    assert digest(tmp_path / "two") == expected
+    outcome = run.run(campaign, tmp_path / "pool", n_workers, progress=done.append)
+    assert digest(tmp_path / "pool") == expected
     assert outcome.trials == sum(done) == 6 and outcome.rate > 0
 
 
 def test_killed_at_random_moments(written, tmp_path):
     """SIGKILL, workers included or left behind, again and again; what was finished stays, and the end is the same."""
     spec_file = written(robots="robots = 24", part_robots="part_robots = 1")
-    run.run(spec.load(spec_file), tmp_path / "whole", 1)
+    run.run(spec.load(spec_file), tmp_path / "whole", 1, inside=True)
     folder, rng, kills = tmp_path / "killed", random.Random(7), 0
     parts = folder / "parts"
     for attempt in range(20):
@@ -100,12 +101,12 @@ def test_a_part_cut_short_is_done_anew(reference, tmp_path, monkeypatch):
     folder = tmp_path / "cut"
     done: list[int] = []
     monkeypatch.setattr(store.Store, "finish", lambda self: None)  # killed just before the end
-    run.run(campaign, folder, 1)
+    run.run(campaign, folder, 1, inside=True)
     part = folder / "parts" / "000001.parquet"
     part.write_bytes(part.read_bytes()[:-100])
     (folder / "parts" / "000002.parquet").write_bytes(b"")
     monkeypatch.undo()
-    run.run(campaign, folder, 1, progress=done.append)
+    run.run(campaign, folder, 1, progress=done.append, inside=True)
     assert done == [2, 2, 2] and digest(folder) == expected  # one part was there, two are done
 
 
@@ -114,17 +115,17 @@ def test_parts_that_were_cut_up_in_another_way_are_done_anew(reference, tmp_path
     other = replace(campaign, output=replace(campaign.output, part_robots=3))  # as a version with another default would
     monkeypatch.setattr(store.Store, "finish", lambda self: None)
     monkeypatch.setattr(spec, "parse", lambda source: other)
-    run.run(other, tmp_path / "cut", 1)
+    run.run(other, tmp_path / "cut", 1, inside=True)
     monkeypatch.undo()
     assert len(list((tmp_path / "cut" / "parts").iterdir())) == 2
-    run.run(campaign, tmp_path / "cut", 1)
+    run.run(campaign, tmp_path / "cut", 1, inside=True)
     assert digest(tmp_path / "cut") == expected
 
 
 def test_a_finished_campaign_is_not_done_again(reference, tmp_path, capsys, written, monkeypatch):
     campaign, expected = reference
     monkeypatch.setattr(workers, "perform", None)
-    assert run.run(campaign, tmp_path / "reference", 1).trials == 0
+    assert run.run(campaign, tmp_path / "reference", 1, inside=True).trials == 0
     assert main(["campaign", str(written()), "-o", str(tmp_path / "reference"), "--no-figures"]) == 0
     assert "all robots were done before" in capsys.readouterr().out
     assert digest(tmp_path / "reference") == expected
@@ -134,17 +135,27 @@ def test_results_cut_short_are_made_anew_from_the_parts(reference, tmp_path, mon
     campaign, expected = reference
     folder = tmp_path / "merge"
     monkeypatch.setattr(store.Store, "finish", lambda self: None)
-    run.run(campaign, folder, 1)
+    run.run(campaign, folder, 1, inside=True)
     (folder / "results.parquet").write_bytes(b"PAR1 and no more")
     monkeypatch.undo()
-    run.run(campaign, folder, 1)
+    run.run(campaign, folder, 1, inside=True)
+    assert digest(folder) == expected
+
+
+def test_what_a_kill_leaves_while_results_are_made_goes(reference, tmp_path):
+    campaign, expected = reference
+    folder = tmp_path / "reference"
+    for name in (".results.parquet.a1b2.parquet", ".campaign.json.c3d4.json"):
+        (folder / name).write_bytes(b"PAR1 and no more")
+    run.run(campaign, folder, 1, inside=True)
+    assert sorted(p.name for p in folder.iterdir()) == [".lock", "campaign.json", "results.parquet"]
     assert digest(folder) == expected
 
 
 def test_row_groups_do_not_depend_on_kills(written, tmp_path, monkeypatch):
     monkeypatch.setattr(store, "GROUP_ROWS", 9)
     campaign = spec.load(written())
-    run.run(campaign, tmp_path / "a", 1)
+    run.run(campaign, tmp_path / "a", 1, inside=True)
     file = pq.ParquetFile(tmp_path / "a" / "results.parquet")
     assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [16, 8]
 
@@ -160,7 +171,7 @@ def test_another_spec_in_the_folder_is_refused(reference, tmp_path, written, cap
 
 def test_comments_are_no_change(reference, tmp_path, written):
     spec_file = written("# what I was thinking\n" + written.small + "\n# and more\n")
-    assert run.run(spec.load(spec_file), tmp_path / "reference", 1).trials == 0
+    assert run.run(spec.load(spec_file), tmp_path / "reference", 1, inside=True).trials == 0
 
 
 def test_other_versions_are_refused(reference, tmp_path, monkeypatch):
@@ -168,24 +179,24 @@ def test_other_versions_are_refused(reference, tmp_path, monkeypatch):
     ours = store.versions()
     monkeypatch.setattr(store, "versions", lambda: {**ours, "numpy": "1.0"})
     with pytest.raises(InputError, match=r"versions differ: numpy: \"[\d.]+\" → \"1.0\""):
-        run.run(campaign, tmp_path / "reference", 1)
+        run.run(campaign, tmp_path / "reference", 1, inside=True)
 
 
 def test_a_folder_with_other_things_is_left_alone(written, tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").touch()
     with pytest.raises(InputError, match=r"holds other things \(thesis.tex\)"):
-        run.run(spec.load(written()), tmp_path / "home", 1)
+        run.run(spec.load(written()), tmp_path / "home", 1, inside=True)
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be made"):
-        run.run(spec.load(written()), tmp_path / "file", 1)
+        run.run(spec.load(written()), tmp_path / "file", 1, inside=True)
 
 
 def test_one_campaign_per_folder(reference, tmp_path):
     campaign, _ = reference
     with store.opened(campaign, tmp_path / "reference"):
         with pytest.raises(InputError, match="another campaign is writing"):
-            run.run(campaign, tmp_path / "reference", 1)
+            run.run(campaign, tmp_path / "reference", 1, inside=True)
 
 
 def test_a_full_disk(written, tmp_path):
@@ -201,8 +212,8 @@ def test_a_full_disk(written, tmp_path):
     assert ended.returncode == 2 and "Traceback" not in ended.stderr
     assert "cannot write" in ended.stderr and "run the same command again" in ended.stderr
     assert not list((tmp_path / "full").rglob("results.parquet"))
-    run.run(spec.load(spec_file), tmp_path / "full", 1)
-    run.run(spec.load(spec_file), tmp_path / "whole", 1)
+    run.run(spec.load(spec_file), tmp_path / "full", 1, inside=True)
+    run.run(spec.load(spec_file), tmp_path / "whole", 1, inside=True)
     assert digest(tmp_path / "full") == digest(tmp_path / "whole")
 
 
@@ -233,14 +244,15 @@ def test_quiet_when_nobody_looks(written, tmp_path):
     assert "robots/s" in out.decode() and "complete" in out.decode()
 
 
-def test_a_robot_that_kills_its_process_is_recorded(written, tmp_path, monkeypatch):
+@pytest.mark.parametrize("n_workers", [1, 2])
+def test_a_robot_that_kills_its_process_is_recorded(written, tmp_path, monkeypatch, n_workers):
     """Through real processes, which find the deadly robot by themselves."""
     campaign = spec.load(written(robots="robots = 2"))
     monkeypatch.setenv("DEADLY_ROBOT", "1")
     monkeypatch.setattr(workers, "DEATHS", 1)
     monkeypatch.setattr(workers, "perform", deadly)
     monkeypatch.setattr(workers, "_alone", deadly_alone)
-    run.run(campaign, tmp_path / "out", 2)
+    run.run(campaign, tmp_path / "out", n_workers)
     table = pq.read_table(tmp_path / "out" / "results.parquet")
     assert dict(zip(table["robot"].to_pylist(), table["reason"].to_pylist(), strict=True)) == {0: "", 1: workers.DIED}
     assert len(table) == 8

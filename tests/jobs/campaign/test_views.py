@@ -16,7 +16,7 @@ from bench.jobs.campaign import plots, recording, run, spec, store, summary, tri
 def found(written, tmp_path):
     """The small campaign with a sweep, done; its summary and results."""
     campaign = spec.load(written(written.small + '[[sweep]]\n"instrument.sigma_pos_mm" = [0.02, 0.03]\n'))
-    outcome = run.run(campaign, tmp_path / "out", 1)
+    outcome = run.run(campaign, tmp_path / "out", 1, inside=True)
     return campaign, summary.read(outcome.results), outcome.results
 
 
@@ -34,7 +34,7 @@ def test_figures_of_a_summary(found):
 
 def test_failures_are_counted_by_reason(written, tmp_path):
     campaign = spec.load(written(robots="robots = 2", poses="poses = 5"))
-    outcome = run.run(campaign, tmp_path / "out", 1)
+    outcome = run.run(campaign, tmp_path / "out", 1, inside=True)
     told = summary.read(outcome.results)
     (reason,) = [r for r in told.reasons if "too few poses" in r and "complete" in r]
     assert told.reasons[reason] == 4
@@ -76,7 +76,8 @@ def test_recordings(found, tmp_path):
 
 
 def test_no_recording_without_errors_kept(written, tmp_path):
-    outcome = run.run(spec.load(written(map_robots="map_robots = 0", robots="robots = 2")), tmp_path / "out", 1)
+    campaign = spec.load(written(map_robots="map_robots = 0", robots="robots = 2"))
+    outcome = run.run(campaign, tmp_path / "out", 1, inside=True)
     assert recording.write(summary.read(outcome.results), outcome.results, tmp_path) == []
 
 
