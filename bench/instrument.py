@@ -26,9 +26,15 @@ from pcalib import rotation
 STREAM = 0x1257
 """Keeps the draws of the instrument apart from all others of one seed."""
 PER_HOUR = 1 / 3600.0
+MEASURED = {
+    "pose": (True,) * 6,
+    "position": (True, True, True, False, False, False),
+    "probe": (False, False, True, False, False, False),
+}
+"""Which of x, y, z, rx, ry, rz each kind sees."""
 
 SETTINGS = (
-    Setting("kind", "word", "pose", words=("pose", "position", "probe"), about="what it sees"),
+    Setting("kind", "word", "pose", words=tuple(MEASURED), about="what it sees"),
     Setting("sigma_pos", "length", 0.0, 0.0, 0.1, about="1σ per component of position"),
     Setting("sigma_rot", "angle", 0.0, 0.0, 0.2, about="1σ per component of rotation"),
     Setting("sigma_distance", "ratio", 0.0, 0.0, 1e-2, about="further 1σ per distance from the instrument"),

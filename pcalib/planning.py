@@ -6,7 +6,7 @@ so it is defined for any number of poses, and needs no decision about which para
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -105,7 +105,7 @@ def plan(
     tools: np.ndarray | None = None,
     sigma_pos: float = 2e-5,
     sigma_rot: float = np.radians(0.005),
-    rotations: bool = True,
+    measured: Sequence[bool] = (True,) * 6,
     level: str = "complete",
     candidates: int = 1500,
     seed: int = 0,
@@ -116,13 +116,12 @@ def plan(
     Args:
         tools: (T, 3) [m] tools at hand; each candidate pose is offered with each tool.
         sigma_pos, sigma_rot: [m], [rad] noise of the instrument.
-        rotations: whether it measures orientation.
+        measured: which of x, y, z, rx, ry, rz it measures.
     """
     tools = np.zeros((1, 3)) if tools is None else np.atleast_2d(tools)
     found = reachable(robot, max(candidates, 3 * n), np.random.default_rng(seed))
     q = np.repeat(found.q, len(tools), axis=0)
     t = np.tile(tools, (len(found.q), 1))
     sigma = np.r_[np.full(3, sigma_pos), np.full(3, sigma_rot)]
-    measured = np.r_[np.ones(3, bool), np.full(3, rotations)]
-    order = d_optimal(information_blocks(robot, q, t, sigma, measured, level), n, tick=tick)
+    order = d_optimal(information_blocks(robot, q, t, sigma, np.array(measured), level), n, tick=tick)
     return q[order], t[order]

@@ -70,8 +70,8 @@ def blocks_of(robot, q, tools, measured=(True,) * 6):
 @pytest.mark.parametrize("rotations", [True, False], ids=["poses", "positions"])
 def test_planned_poses_beat_random_ones(delta, rotations):
     """In information, and in what counts: the posterior variance of the TCP over the workspace."""
-    measured = np.r_[np.ones(3, bool), np.full(3, rotations)]
-    q, tools = planning.plan(delta, 40, tools=None if rotations else TOOLS, rotations=rotations, candidates=300)
+    measured = [True] * 3 + [rotations] * 3
+    q, tools = planning.plan(delta, 40, tools=None if rotations else TOOLS, measured=measured, candidates=300)
     where = planning.reachable(delta, 100, np.random.default_rng(50)).q
     S = blocks_of(delta, where, np.array([0, 0, -0.1]))[:, :3] * SIGMA[:3, None]
 
@@ -103,7 +103,7 @@ def test_plans_keep_to_joint_range_workspace_and_tools(delta):
 
 def test_the_instrument_decides_where_to_measure(delta):
     """Positions alone ask for several tools, the longest most often; full poses do not need them."""
-    _, position = planning.plan(delta, 30, tools=TOOLS, rotations=False, candidates=150)
+    _, position = planning.plan(delta, 30, tools=TOOLS, measured=[True] * 3 + [False] * 3, candidates=150)
     assert len(np.unique(position, axis=0)) >= 2
     assert np.sum(position[:, 2] == -0.3) >= 10
 

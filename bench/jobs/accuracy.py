@@ -198,7 +198,7 @@ def plan(robot: Robot, conditions: Conditions) -> tuple[np.ndarray, np.ndarray]:
     """D-optimal commands (n, nq) and tools (n, 3): they depend on the nominal robot only."""
     return planning.plan(
         robot, conditions.poses, tools=measured_tools(conditions), sigma_pos=conditions.noise_pos,
-        sigma_rot=conditions.noise_rot, rotations=conditions.rotations, seed=conditions.seed,
+        sigma_rot=conditions.noise_rot, measured=[True] * 3 + [conditions.rotations] * 3, seed=conditions.seed,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""D-optimal plans: the core chooses the poses, from what the instrument sees and the noise it states."""
+"""D-optimal plans: the core chooses the poses, from what the instrument sees there and its noise."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from bench import plan as plans
 from bench.commands import Commands
-from bench.instrument import Instrument
+from bench.instrument import MEASURED, Instrument
 from pcalib import planning
 from pcalib.data import measurement
 from pcalib.robot import Robot
@@ -37,14 +37,16 @@ def make(
         ReachError: the workspace has too few poses that the robot can take.
     """
     plans.sensible(n, check)
-    v = instrument.values
+    # Noise that grows with distance counts as in the middle of the workspace.
+    v, space = instrument.values, robot.workspace
+    distance = np.linalg.norm([0.0, 0.0, 0.5 * (space.z_min + space.z_max)] - v["position"])
     q, tool = planning.plan(
         robot,
         n,
         tools=np.array(tools) if len(tools) else None,
-        sigma_pos=v["sigma_pos"] or measurement.DEFAULT_SIGMA_POS,
+        sigma_pos=float(np.hypot(v["sigma_pos"], v["sigma_distance"] * distance)) or measurement.DEFAULT_SIGMA_POS,
         sigma_rot=v["sigma_rot"] or measurement.DEFAULT_SIGMA_ROT,
-        rotations=v["kind"] == "pose",
+        measured=MEASURED[v["kind"]],
         candidates=candidates,
         seed=seed,
     )

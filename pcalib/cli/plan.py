@@ -70,7 +70,7 @@ def command(
             done = int(100 * share)
 
         q, t = planning.plan(
-            described, n, tools=tools, rotations=not position_only, level=level, seed=seed, tick=tick,
+            described, n, tools=tools, measured=[True] * 3 + [not position_only] * 3, level=level, seed=seed, tick=tick,
             sigma_pos=2e-5 if sigma_pos is None else float(sigma_pos[0]),
             sigma_rot=np.radians(0.005) if sigma_rot is None else float(sigma_rot[0]),
         )  # fmt: skip
