@@ -39,6 +39,8 @@ SWING = 6.0
 """[K] by which temperatures of a rich plan swing about 22 °C."""
 PACE = 20.0
 """[s] from one measurement to the next."""
+SIGMA = {"sigma_pos": "length", "sigma_rot": "angle"}
+"""Columns of a data file that tell the noise of readings, not of a plan."""
 REPLICATED = 1 / 6
 """Share of a rich plan's rows that repeat the row before."""
 
@@ -250,13 +252,15 @@ def _of_file(robot: Robot, path: Path, tools: Sequence[np.ndarray], payloads: Se
     mechanism = robot.mechanism
     actuators = dict.fromkeys(mechanism.actuators, mechanism.actuator_dimension)
     directions = tuple(f"dir{i + 1}" for i in range(len(actuators)))
-    wanted = actuators | cols.POSITION | cols.ROTATION | cols.CONDITIONS
+    wanted = actuators | cols.POSITION | cols.ROTATION | SIGMA | cols.CONDITIONS
     columns = cols.assign(table, wanted, (*directions, "pose_id", "set", "status"), len(actuators))
     cols.require(columns, actuators, "a plan holds the commanded actuator values")
     q = columns.matrix(actuators)
     tool = cols.tool(columns)
     if tool is not None and len(tools):
         raise table.error("the plan has tools of its own", remedy="leave out --tool, or the tool columns")
+    if "payload" in columns and len(payloads):
+        raise table.error("the plan has payloads of its own", remedy="leave out --payload, or the payload column")
     if len(tools) > 1 or len(payloads) > 1:
         raise InputError("a plan from a file takes one tool and one payload for all rows", file=path)
     low, high = robot.joint_range

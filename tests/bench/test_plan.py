@@ -105,6 +105,23 @@ def test_a_file_brings_its_commands_and_conditions(tmp_path):
     assert c.columns["my_column"].tolist() == [3, 4]
 
 
+def test_payloads_are_those_of_the_file_or_asked_for(tmp_path):
+    file = tmp_path / "plan.csv"
+    file.write_text("q1_deg,q2_deg,q3_deg,payload_kg\n10,-20,5,0.5\n")
+    with pytest.raises(InputError, match=r"plan\.csv.*payloads of its own.*\n.*leave out --payload"):
+        plans.make(ROBOT, file, payloads=[2.0])
+    file.write_text("q1_deg,q2_deg,q3_deg\n10,-20,5\n")
+    assert plans.make(ROBOT, file, payloads=[2.0]).commands.payload.tolist() == [2.0]
+
+
+def test_the_noise_of_a_data_file_is_no_column_of_a_plan(tmp_path):
+    """What measures next states its own."""
+    file = tmp_path / "data.csv"
+    head = "q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg"
+    file.write_text(f"{head},sigma_pos_mm,sigma_rot_mrad,mine\n10,-20,5,0,0,-700,0,0,0,0.5,3,7\n")
+    assert list(plans.make(ROBOT, file).commands.columns) == ["mine"]
+
+
 def test_rows_to_check_follow_those_of_a_file(tmp_path):
     file = tmp_path / "plan.csv"
     file.write_text(
