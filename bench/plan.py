@@ -108,19 +108,26 @@ def make(
         payloads = PAYLOADS
     tool = _dealt(np.atleast_2d(np.zeros(3) if not len(tools) else np.array(tools, float)), distinct, generator)
     payload = _dealt(np.array(payloads or [0.0], float), distinct, generator)
-    columns: dict[str, np.ndarray] = {}
+    varied: dict[str, np.ndarray] = {}
     if name == "rich":
-        columns = {f"dir{i + 1}": generator.choice([-1.0, 1.0], distinct) for i in range(q.shape[1])}
-        columns |= _weather(distinct, generator)
+        varied = {f"dir{i + 1}": generator.choice([-1.0, 1.0], distinct) for i in range(q.shape[1])}
+        varied |= _weather(distinct, generator)
 
     row = np.repeat(np.arange(distinct), repeats)
     held = np.zeros(distinct, bool)
     held[_last(repeats, check)] = True
     pose_id = np.where(repeats[row] > 1, row, -1) if name == "rich" else np.full(len(row), -1)
-    columns = {key: values[row] for key, values in columns.items()}
+    varied = {key: values[row] for key, values in varied.items()}
     if name == "rich":
-        columns["time"] = PACE * np.arange(len(row))
-    return Plan(Commands(q[row], tool[row], payload[row], columns), pose_id, held[row], str(name))
+        varied["time"] = PACE * np.arange(len(row))
+    return Plan(Commands(q[row], tool[row], payload[row], varied), pose_id, held[row], str(name))
+
+
+def columns(name: str, actuators: int) -> tuple[str, ...]:
+    """What a plan of that name brings beside commands, tools and payloads."""
+    if name != "rich":
+        return ()
+    return (*(f"dir{i + 1}" for i in range(actuators)), *(f"temp_{part}" for part in TEMPERATURES), "time")
 
 
 def sensible(n: int, check: int) -> None:

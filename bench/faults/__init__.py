@@ -221,6 +221,18 @@ def suit(robot: Robot, faults: Iterable[Fault]) -> None:
             raise InputError(error.problem, column=f"faults.{fault.name}", remedy=error.remedy) from None
 
 
+def suited(robot: Robot) -> list[str]:
+    """The faults that this kind of robot can have, by name."""
+    out = []
+    for name in names():
+        try:
+            suit(robot, [typical(robot, name)])
+        except InputError:
+            continue
+        out.append(name)
+    return out
+
+
 def rods(robot: Robot) -> tuple[str, ...]:
     """Names of the rods that are bodies: the drive of a driven rod has a row among them, and is none."""
     return tuple(rod for rod in robot.mechanism.rods if rod != "drive")

@@ -85,6 +85,11 @@ def test_tools_and_payloads_are_dealt_out_evenly():
     assert (plan.commands.payload == 0.5).sum() == 15
 
 
+@pytest.mark.parametrize("name", plans.NAMES)
+def test_what_a_plan_brings_is_known_by_its_name(name):
+    assert set(plans.make(ROBOT, name, 6).commands.columns) == set(plans.columns(name, 3))
+
+
 def test_the_seed_fixes_the_plan():
     first, again, other = (plans.make(ROBOT, "rich", 24, seed=seed) for seed in (3, 3, 4))
     assert np.array_equal(first.commands.q, again.commands.q)

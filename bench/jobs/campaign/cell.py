@@ -80,6 +80,17 @@ class Plan:
     listed: Mapping[str, Any] | None = None
     """The plan itself where it came from a file, see :func:`bench.jobs.campaign.samples.listed`."""
 
+    @property
+    def source(self) -> str:
+        """Where its poses come from, as the spec says it."""
+        return "file" if self.listed is not None else f'kind = "{self.kind}"'
+
+    def columns(self, robot: Robot) -> set[str]:
+        """What it brings, with a number in every row, beside commands, tools and payloads."""
+        if self.listed is None:
+            return set(plans.columns(self.kind, len(robot.mechanism.actuators)))
+        return {name for name, values in self.listed["columns"].items() if np.isfinite(np.array(values, float)).all()}
+
 
 @dataclass(frozen=True)
 class Method:
@@ -173,6 +184,7 @@ def read(table: Mapping[str, Any]) -> Cell:
         methods=methods(table.get("method", []), robot),
         verify=verify(table.get("verify", {})),
     )
+    _require_columns(out)
     return out
 
 
@@ -264,6 +276,29 @@ def _effects(given: Any, where: str, robot: Robot) -> tuple[str, ...]:
         except (EffectError, InputError) as error:
             raise InputError(f"[{where}] effects: {error}", column="effects") from None
     return tuple(given)
+
+
+def _require_columns(read: Cell) -> None:
+    """Refuse faults and effects that need columns which the plan does not bring: every robot would fail."""
+    from pcalib import effects
+
+    robot, plan = read.robot, read.plan
+    asked = [(f"[faults.{fault.name}]", f"faults.{fault.name}", fault.needs) for fault in read.faults]
+    for number, method in enumerate(read.methods, 1):
+        for spec in method.effects:
+            asked.append((f"[method[{number}]] effects: {spec}", "effects", effects.parse(spec, robot).needs))
+    brought = plan.columns(robot)
+    for where, column, needs in asked:
+        lacking = [name for name in needs if name not in brought]
+        if not lacking:
+            continue
+        fitting = [kind for kind in PLANS if {*lacking} <= {*plans.columns(kind, len(robot.mechanism.actuators))}]
+        told = ", ".join(lacking)
+        kinds = "".join(f'kind = "{kind}", or ' for kind in fitting)
+        raise InputError(
+            f"{where} needs columns that [plan] {plan.source} does not bring: {told}", column=column,
+            remedy=f"write {kinds}file = a CSV with numbers there in every row",
+        )  # fmt: skip
 
 
 def _payloads(table: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[float, ...]]:

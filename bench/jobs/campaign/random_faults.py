@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench import faults
+from bench import faults, settings
 from bench.faults import Fault
 from pcalib.errors import InputError, unknown
 from pcalib.robot import Robot
@@ -29,6 +29,13 @@ class Drawn:
     distribution: str
     a: float
     b: float
+
+    @property
+    def usual(self) -> float:
+        """A value that it may well give; zero only where it gives no other."""
+        if self.distribution == "uniform":
+            return self.b or self.a
+        return self.a or (self.b if self.distribution == "normal" else 0.0)
 
     def draw(self, rng: np.random.Generator) -> float:
         """One value, in the unit of its key."""
@@ -45,19 +52,31 @@ class RandomFault:
     name: str
     fixed: Mapping[str, Any]
     drawn: Mapping[str, Drawn]
+    needs: tuple[str, ...] = ()
+    """Columns of the commands that it cannot do without."""
 
     @classmethod
     def of(cls, robot: Robot, name: str, table: Mapping[str, Any]) -> RandomFault:
         """From the table [faults.NAME].
 
         Raises:
-            InputError: a setting that the fault does not take, or a distribution that is none.
+            InputError: a setting that the fault does not take, a distribution that is none, or a fault of another kind
+                of robot.
         """
         drawn = {key: _distribution(name, key, value) for key, value in table.items() if isinstance(value, Mapping)}
         fixed = {key: value for key, value in table.items() if key not in drawn}
-        typical = {key: number.a if number.distribution != "uniform" else number.b for key, number in drawn.items()}
-        faults.make(robot, name, {**fixed, **typical})
-        return cls(name, fixed, drawn)
+        usual = {**fixed, **{key: number.usual for key, number in drawn.items()}}
+        kind = faults.get(name)
+        values = settings.read(usual, kind.settings(robot), f"faults.{name}", faults.counts(robot))
+        try:
+            made = kind(robot, **values)
+            faults.suit(robot, [made])
+        except InputError as error:
+            raise InputError(
+                f"[faults.{name}] {error.problem}", column=f"faults.{name}",
+                remedy=f"faults of a {robot.kind}: {', '.join(faults.suited(robot))}",
+            ) from None  # fmt: skip
+        return cls(name, fixed, drawn, () if made.absent else tuple(made.NEEDS))
 
     def make(self, robot: Robot, rng: np.random.Generator) -> Fault:
         """The fault of one robot.

@@ -136,6 +136,28 @@ REFUSED = {
         "[faults.backslash]\ngap_um = 3",
         r"\[faults\] unknown fault 'backslash'.*did you mean 'backlash'",
     ),
+    "fault of another kind of robot": (
+        "[faults.encoder_eccentricity]\namplitude_urad = { normal = [0, 50] }",
+        r"\[faults.encoder_eccentricity\] .*rotary drives.*\n.*faults of a linear_delta: .*backlash",
+    ),
+    "fault of a part that the robot has not": (
+        "[faults.arm_bending]\nvertical_um_N = 0.2",
+        r"\[faults.arm_bending\] .*\n.*faults of a planar: .*base_drift",
+    ),
+    "fault without its column": (
+        "[faults.thermal_arms]\nexpansion_ppm_K = { normal = [0, 20] }",
+        r"\[faults.thermal_arms\] needs columns that \[plan\] kind = \"random\" does not bring: temp_arms\n"
+        r'.*kind = "rich", or file = ',
+    ),
+    "effect without its columns": (
+        '[plan]\nkind = "border"\n[[method]]\nname = "paper"\n[[method]]\nname = "complete"\n'
+        'effects = ["friction_hysteresis"]',
+        r"\[method\[2\]\] effects: friction_hysteresis needs columns .*\"border\" does not bring: dir1, dir2, dir3",
+    ),
+    "sweep to a plan without a column": (
+        '[faults.base_drift]\nv_um_h = [1, 0, 0]\n[[sweep]]\n"plan.kind" = ["rich", "d-optimal"]',
+        r"plan.kind = \"d-optimal\" is impossible: \[faults.base_drift\] needs .*: time",
+    ),
     "unknown level": (
         '[[method]]\nname = "mine"\nlevel = "model25"',
         r"level: unknown level 'model25'.*model24.*complete",
@@ -202,10 +224,17 @@ REFUSED = {
 }  # fmt: skip
 
 
+ROBOTS = {
+    "unknown robot": "dleta",
+    "fault of another kind of robot": "linear_delta",
+    "fault of a part that the robot has not": "planar",
+}
+
+
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_cannot_be_run_is_refused_with_its_key(written, case):
     text, message = REFUSED[case]
-    head = HEAD.replace("delta", "dleta") if case == "unknown robot" else HEAD
+    head = HEAD.replace("delta", ROBOTS.get(case, "delta"))
     for name in ("a.toml", "b.toml") if case == "sweep over one name" else ():
         (written.folder / name).write_text((MODELS / "delta.toml").read_text())
     base = "[plan]\nposes = 20\n" if case == "sweep into a value" else ""
