@@ -80,7 +80,7 @@ def command(
         ):
             found += part()
             advance()
-        same = bytes_agree(main_robot, rows if quick else 300)
+        same = bytes_agree(main_robot, simulate.CHUNK + 1 if quick else 300)
         advance()
     frame.show_table(
         ["what", "figure", "bound", ""],
@@ -162,7 +162,8 @@ def data_sets(robot: Robot, rows: int, runs: int) -> list[Figure]:
 
 
 def bytes_agree(robot: Robot, rows: int) -> bool:
-    """Whether the files of one seed are the same for any number of workers."""
+    """Whether the files of one seed are the same for any number of workers, who need more than one piece to share."""
+    assert rows > simulate.CHUNK
     truth, made = hidden(robot, suited(robot)), set()
     with TemporaryDirectory() as folder:
         for workers in WORKERS:

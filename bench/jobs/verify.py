@@ -22,6 +22,7 @@ from pcalib.prediction import Conditions
 from pcalib.robot import Robot
 
 STREAM = 0x9283
+"""Keeps what is drawn here apart from the draws of measuring with the same seed."""
 CHUNK = 50
 
 
@@ -146,6 +147,7 @@ def run(
     columns.setdefault("time", np.zeros(len(task.position)))
     generator = np.random.default_rng([STREAM, seed])
     noisy = bool(truth.instrument.values["sigma_joint"] or truth.instrument.values["sigma_carriage"])
+    drives = int(np.random.SeedSequence([STREAM, seed]).generate_state(1, np.uint64)[0])
     alike = not noisy and not machine.faults and not model.effects
     attained, status = [], []
     for cycle in range(1 if alike else cycles):
@@ -156,7 +158,7 @@ def run(
         )
         asked = Commands.of(np.nan_to_num(commands.q), conditions.tool, conditions.payload, **now)
         rows = np.arange(len(asked)) + cycle * len(asked)
-        miss = truth.instrument.joint_noise(asked.q, truth.robot.mechanism.actuator_dimension, seed, rows)
+        miss = truth.instrument.joint_noise(asked.q, truth.robot.mechanism.actuator_dimension, drives, rows)
         tcp, here = np.full((len(asked), 3), np.nan), commands.status.astype("<U20")
         ready = np.flatnonzero(here == "ok")
         for piece in np.array_split(ready, max(1, -(-len(ready) // CHUNK))):

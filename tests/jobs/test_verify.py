@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import cli, faults
+from bench import cli, faults, simulate
 from bench import truth as truths
+from bench.commands import Commands
 from bench.instrument import Instrument
 from bench.jobs import verify
+from bench.plan import Plan
 from bench.truth import Truth
-from pcalib import effects, modelfile
+from pcalib import compensation, effects, modelfile
 from pcalib.errors import InputError, ReachError
 from pcalib.mechanics import kinematics
 from pcalib.model import FittedEffect, Model
@@ -77,6 +79,17 @@ def test_drives_that_do_not_repeat_show_in_rp_as_their_jacobian_says(truth, task
     variance = sigma**2 * np.sum(J**2, axis=(1, 2))
     assert done.accuracy.rms == pytest.approx(np.sqrt(variance.mean()), rel=0.05)
     assert 2 < np.median(done.accuracy.rp / np.sqrt(variance)) < 2.6  # 2.09 for 3D noise alike in all directions
+
+
+def test_drives_do_not_repeat_what_they_did_while_measuring(truth, task):
+    """With one seed for both, a model fitted to few poses would be judged by the very noise in its data."""
+    noisy = replace(truth, instrument=Instrument(sigma_joint=1e-4))
+    done = verify.run(perfect(truth), noisy, task, cycles=1, seed=3)
+    q = compensation.compensate(perfect(truth), task.position, conditions=task.conditions).q
+    measured = simulate.run(noisy, Plan(Commands.of(q, TOOL), np.full(len(q), -1), np.zeros(len(q), bool), "x"), seed=3)
+    miss = [(found - task.position).ravel() for found in (done.attained[0], measured.landing.tcp)]
+    assert miss[0].std() == pytest.approx(miss[1].std(), rel=0.3)
+    assert abs(np.corrcoef(miss)[0, 1]) < 0.4
 
 
 def at(delta, k, q):
