@@ -14,7 +14,7 @@ from pcalib.diagnosis.adequacy import Test
 from pcalib.diagnosis.candidates import Candidate, richer_levels, shown_by
 from pcalib.diagnosis.compare import noise_of
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible, with_effects
-from pcalib.diagnosis.patterns import FINE, recorded
+from pcalib.diagnosis.patterns import FINE, load_name, recorded
 from pcalib.diagnosis.screen import Screen
 from pcalib.diagnosis.steps import held_out_errors
 from pcalib.effects.base import Effect, Situation
@@ -58,6 +58,16 @@ class ByVariable:
     names: tuple[str, ...]
     curve: np.ndarray
     """(n,) [SI] what the fitted effect adds there."""
+    sliding: bool = False
+    """Whether actuator values are lengths."""
+
+    @property
+    def axis(self) -> tuple[float, str]:
+        """Factor from SI, and the variable with its unit as people write it."""
+        q = (1e3, "mm") if self.sliding else (180 / np.pi, "°")
+        units = {"q": q, "torque": (1, "N·m"), "drive force": (1, "N"), "tension": (1, "N"), "time": (1 / 3600, "h")}
+        factor, unit = units.get(self.variable, (1.0, ""))
+        return factor, f"{self.variable} [{unit}]" if unit else self.variable
 
 
 @dataclass(frozen=True)
@@ -231,6 +241,7 @@ def _by_variable(
         series=np.tile(np.arange(n), int(full.sum())),
         names=tuple(names),
         curve=component[full].ravel(),
+        sliding=made.model.robot.mechanism.actuator_dimension == "length",
     )
 
 
@@ -252,8 +263,9 @@ def _telling(found: Diagnosis, screen: Screen, g: int, finding: Finding, channel
 def _variable(at: Situation, variable: str, channel: str) -> np.ndarray | None:
     """(N, places) values of a variable at every arm or rod; None for mixed ones."""
     n = at.q.shape[1] if channel == "actuator" else at.tension.shape[1]
+    sliding = at.robot.mechanism.actuator_dimension == "length"
     if channel == "actuator":
-        own = {"q": at.q, FINE: at.q, "torque": at.torque, "direction": at.directions()}
+        own = {"q": at.q, FINE: at.q, load_name(sliding): at.torque, "direction": at.directions()}
     else:
         own = {"tension": at.tension, "sign of the rod force": at.tension}
     if variable in own:

@@ -11,7 +11,7 @@ import numpy as np
 from pcalib.diagnosis import telling
 from pcalib.diagnosis.diagnose import Diagnosis
 from pcalib.diagnosis.evidence import Evidence
-from pcalib.diagnosis.patterns import CHANNELS, Cell
+from pcalib.diagnosis.patterns import CHANNELS, Cell, spoken
 from pcalib.palette import SERIES
 from pcalib.report.figures import INK, PAPER, QUIET, RULE, drawing
 
@@ -21,6 +21,7 @@ _BLUE = SERIES[0]
 
 def heatmap(cells: tuple[Cell, ...]) -> str:
     """Channels against variables, coloured by −log10 of the corrected p."""
+    sliding = any(c.sliding for c in cells)
     variables = list(dict.fromkeys(c.variable for c in cells))
     channels = [c for c in CHANNELS if any(cell.channel == c for cell in cells)]
     value = {(c.channel, c.variable): c for c in cells}
@@ -46,7 +47,7 @@ def heatmap(cells: tuple[Cell, ...]) -> str:
                 )
         axes.set_xlim(-0.5, len(channels) - 0.5)
         axes.set_ylim(len(variables) - 0.5, -0.5)
-        axes.set_xticks(range(len(channels)), [fill(CHANNELS[c], 20) for c in channels], fontsize=9)
+        axes.set_xticks(range(len(channels)), [fill(spoken(c, sliding), 20) for c in channels], fontsize=9)
         names = [v.replace("temp_", "temperature of ") for v in variables]
         axes.set_yticks(range(len(variables)), names, fontsize=9)
         axes.xaxis.tick_top()
@@ -115,17 +116,17 @@ def _added_variable(axes: Any, e: Evidence) -> None:
 def _by_variable(axes: Any, e: Evidence) -> None:
     plot = e.by_variable
     assert plot is not None
-    unit = {"q": (180 / np.pi, "°"), "torque": (1, "N·m"), "tension": (1, "N"), "time": (1 / 3600, "h")}
-    factor, spoken = unit.get(plot.variable, (1.0, ""))
-    scale, y_unit = (1e6, "µrad") if plot.channel == "actuator" else (1e6, "µm")
+    factor, variable = plot.axis
+    drives = plot.channel == "actuator"
+    what, unit = spoken("actuator", plot.sliding) if drives else "rods", "µrad" if drives and not plot.sliding else "µm"
     for i, name in enumerate(plot.names):
         mine = plot.series == i
         order = np.argsort(plot.x[mine])
         colour = SERIES[i % len(SERIES)]
-        axes.plot(plot.x[mine] * factor, plot.y[mine] * scale, ".", ms=4, color=colour, alpha=0.6, label=name)
-        axes.plot(plot.x[mine][order] * factor, plot.curve[mine][order] * scale, "-", lw=1.2, color=colour)
-    axes.set_xlabel(f"{plot.variable}{f' [{spoken}]' if spoken else ''}")
-    axes.set_ylabel(f"apparent error of {'motor angles' if plot.channel == 'actuator' else 'rods'} [{y_unit}]")
+        axes.plot(plot.x[mine] * factor, plot.y[mine] * 1e6, ".", ms=4, color=colour, alpha=0.6, label=name)
+        axes.plot(plot.x[mine][order] * factor, plot.curve[mine][order] * 1e6, "-", lw=1.2, color=colour)
+    axes.set_xlabel(variable)
+    axes.set_ylabel(f"apparent error of {what} [{unit}]")
     axes.set_title("Where it tells most", loc="left")
     axes.legend(fontsize=8, ncols=3)
     axes.grid()

@@ -24,6 +24,8 @@ CHANNELS = {
     "tool": "the tool on the plate",
 }
 """Channel → how it is called in a sentence."""
+SLIDING = {"actuator": "motor positions"}
+"""The same where actuator values are lengths."""
 HIGHEST = 4
 """Degree of the richest patterns."""
 FINE = "q, in fine waves"
@@ -42,6 +44,8 @@ class Pattern:
     """[rad or m] usual deviation in this channel, the scale of the coefficients."""
     search: Search = NOT_SEARCHED
     """How it was found, where it was searched for."""
+    sliding: bool = False
+    """Whether actuator values are lengths."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ class Cell:
     """Norm of what it could take up, noise units."""
     d: int
     """Columns."""
+    sliding: bool = False
+    """Whether actuator values are lengths."""
 
 
 def cells(patterns: Sequence[Pattern], first: int, screen: Screen, p: np.ndarray, null: np.ndarray) -> tuple[Cell, ...]:
@@ -73,9 +79,20 @@ def cells(patterns: Sequence[Pattern], first: int, screen: Screen, p: np.ndarray
             float(corrected(p[first + i], null)),
             float(np.linalg.norm(screen.blocks[first + i].T @ screen.y)),
             int(screen.visible[first + i]),
+            patterns[i].sliding,
         )
         for i in order
     )
+
+
+def spoken(channel: str, sliding: bool) -> str:
+    """How a channel is called in a sentence; `sliding` where actuator values are lengths."""
+    return {**CHANNELS, **(SLIDING if sliding else {})}.get(channel, channel)
+
+
+def load_name(sliding: bool) -> str:
+    """How the load of an actuator is called: the variable that `Situation.torque` holds."""
+    return "drive force" if sliding else "torque"
 
 
 def legendre(values: np.ndarray, low: int, high: int) -> np.ndarray:
@@ -102,6 +119,7 @@ def patterns(point: Point, budget: int, total: int, seen: np.ndarray | None = No
             before the last; what room is left then raises their degrees up to 4, by turns and in the same order.
         seen: (6,) bool, which of x y z rx ry rz is measured at all; all where absent.
     """
+    sliding = point.situation.robot.mechanism.actuator_dimension == "length"
     cells = list(_cells(point, point.response(), np.ones(6, bool) if seen is None else seen))
     columns = [np.zeros((len(point.situation), 6, 0))] * len(cells)
     used = 0
@@ -114,7 +132,7 @@ def patterns(point: Point, budget: int, total: int, seen: np.ndarray | None = No
             if larger.shape[-1] <= budget and used + more <= max(total, budget):
                 columns[i], used = larger, used + more
     return [
-        Pattern(channel, variable, found, _SIZE[channel])
+        Pattern(channel, variable, found, _SIZE[channel], sliding=sliding)
         for (channel, variable, _), found in zip(cells, columns, strict=True)
         if found.shape[-1]
     ]
@@ -148,7 +166,8 @@ def _cells(point: Point, response: Response, seen: np.ndarray) -> Iterator:
         return lambda degree: _each(response, lambda i: factors)
 
     yield "actuator", "q", lambda degree: _each(actuators, lambda i: legendre(at.q[:, i], 1, degree + 1))
-    yield "actuator", "torque", lambda degree: _each(actuators, lambda i: legendre(at.torque[:, i], 1, degree))
+    load = load_name(mechanism.actuator_dimension == "length")
+    yield "actuator", load, lambda degree: _each(actuators, lambda i: legendre(at.torque[:, i], 1, degree))
     if np.any(direction):
         sided = np.stack([direction, direction * np.abs(at.torque) / (np.abs(at.torque).mean() + 1e-12)], axis=-1)
         yield "actuator", "direction", lambda degree: _each(actuators, lambda i: sided[:, i])

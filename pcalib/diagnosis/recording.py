@@ -90,12 +90,11 @@ def _scatter(found: Diagnosis, data: Measurements) -> Scatter | None:
     worst = int(np.argmax([np.ptp(plot.curve[plot.series == i]) for i in range(len(plot.names))]))
     mine = plot.series == worst
     order = np.argsort(plot.x[mine])
-    unit = {"q": (180 / np.pi, "°"), "torque": (1.0, "N·m"), "tension": (1.0, "N"), "time": (1 / 3600, "h")}
-    factor, spoken = unit.get(plot.variable, (1.0, ""))
+    factor, variable = plot.axis
     noise = max(float(np.std(plot.y[mine] - plot.curve[mine])), 1e-12)
     x = plot.x[mine][order] * factor
     return Scatter(
-        variable=f"{plot.variable} [{spoken}]" if spoken else plot.variable,
+        variable=variable,
         x=x,
         residual=plot.y[mine][order] / noise,
         label=f"{plot.channel} {plot.names[worst]}",

@@ -11,7 +11,7 @@ from pcalib import effects
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding
 from pcalib.diagnosis.evidence import Evidence
-from pcalib.diagnosis.patterns import CHANNELS, Cell
+from pcalib.diagnosis.patterns import Cell, spoken
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
 from pcalib.diagnosis.verdict import in_words
@@ -20,6 +20,8 @@ from pcalib.wording import angle, clipped, deviation, size
 
 HOT = 0.05
 """Corrected p below which a cell of the map counts as hot."""
+SAME = 1e-6
+"""κ below which an effect is a change of the geometry by another name."""
 MORE = 1.25
 """Two figures in units of the noise that differ by this factor do not say the same."""
 
@@ -73,7 +75,7 @@ def _where(cells: Sequence[Cell]) -> str:
 
 def place(cell: Cell) -> str:
     """A cell in words."""
-    return f"{CHANNELS.get(cell.channel, cell.channel)} by {cell.variable.replace('temp_', 'temperature of ')}"
+    return f"{channel(cell)} by {variable(cell)}"
 
 
 def details(found: Diagnosis) -> list[str]:
@@ -134,7 +136,7 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         ]
     if not found.noise.verified:
         out.append({"do": "replicate", "why": "the noise is not verified: measure ten poses twice"})
-    blind = sorted({f.candidate.name for f in found.findings if f.note.startswith("these poses")})
+    blind = sorted({f.candidate.name for f in found.findings if f.note.startswith("these poses") and not _geometry(f)})
     for name in blind:
         wants = [
             w for f in found.findings if f.candidate.name == name for w in getattr(f.candidate.effect, "wants", ())
@@ -143,9 +145,14 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
+def _geometry(f: Finding) -> bool:
+    """Whether some change of the geometry does just what it does, at any poses."""
+    return f.kappa < SAME
+
+
 def channel(cell: Cell) -> str:
     """The cell's channel in words."""
-    return CHANNELS.get(cell.channel, cell.channel)
+    return spoken(cell.channel, cell.sliding)
 
 
 def variable(cell: Cell) -> str:
@@ -224,7 +231,7 @@ def advice_lines(found: Diagnosis) -> list[str]:
             why = "comes first: it is missing in any case" if shared else "refits everything with it"
             lines.append(f"'pcalib add {item['effect']} …' {why}.")
         elif item["do"] == "write an effect":
-            where = CHANNELS.get(item["channel"], item["channel"])
+            where = spoken(item["channel"], found.problem.model.robot.mechanism.actuator_dimension == "length")
             lines.append(f"an effect of your own that moves {where} by {item['variable']}: 'pcalib effect new NAME'.")
         elif item["do"] == "replicate":
             lines.append("measure ten poses twice (same pose_id): they say what is noise.")
@@ -339,6 +346,8 @@ def evidence_sentence(e: Evidence) -> str:
     c, theta = e.candidate, e.finding.theta
     words = in_words(c, np.clip(theta, c.low, c.high) if e.in_range and c.effect is not None else theta)
     if e.finding.note.startswith("these poses"):
+        if _geometry(e.finding):
+            return f"{e.candidate.name}: no poses can show it, a change of the geometry does the same."
         return f"{e.candidate.name}: these poses cannot show it, whatever its size."
     if not e.in_range:
         return f"Against {e.candidate.name}: its fitted size is physically impossible ({words})."

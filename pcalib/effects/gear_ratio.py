@@ -15,7 +15,7 @@ class GearRatio(PlacedEffect):
 
     title: ClassVar[str] = "the gear ratio is off"
     channels: ClassVar[tuple[str, ...]] = ("actuator",)
-    wants: ClassVar[tuple[str, ...]] = ("wide range of motor angles",)
+    wants: ClassVar[tuple[str, ...]] = ("wide range of motor positions",)
 
     @property
     def quantities(self) -> tuple[EffectParameter, ...]:

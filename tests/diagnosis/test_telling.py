@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 
-from pcalib.diagnosis import telling
+from bench import faults, simulate
+from bench import plan as plans
+from bench import truth as truths
+from bench.instrument import Instrument
+from pcalib import robot as robots
+from pcalib.diagnosis import figures, telling
 from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.evidence import evidence
@@ -14,6 +21,8 @@ from pcalib.diagnosis.steps import held_out_gain
 from pcalib.diagnosis.verdict import Explanation
 from pcalib.effects import Contribution, EffectParameter, get
 from pcalib.fitting import identification
+
+MODELS = Path(__file__).parents[2] / "models"
 
 
 class TestComparison:
@@ -124,3 +133,40 @@ def test_joints_repeat_in_the_units_of_their_robot(measured):
     made = replace(made, noise=replace(made.noise, sigma_q=2.9e-5))
     assert "(part of it from joints that repeat to 29 µrad)" in telling.noise_sentence(made)
     assert "joints that repeat to 29 µm)" in made.noise.sentence("µm")
+
+
+@pytest.fixture(scope="module")
+def soft():
+    """A linear delta whose drives give way: the model fitted to it, and the data."""
+    robot = robots.load(MODELS / "linear_delta.toml")
+    made = truths.Truth(
+        robot, truths.draw_errors(robot, 1e-4, 1e-3, 1), Instrument(sigma_pos=15e-6, sigma_rot=60e-6),
+        (faults.typical(robot, "drive_compliance", 4.0),),
+    )  # fmt: skip
+    data = simulate.run(made, plans.make(robot, "rich", 60, check=10, tools=[np.zeros(3)], seed=1), 1).measurements
+    return identification.fit(data, robot).model, data
+
+
+class TestSlidingDrives:
+    """Carriages have positions [mm] and forces [N], where arms have angles and torques."""
+
+    def test_the_map_names_positions_and_forces(self, soft):
+        cells = compare(*soft, n_draws=256).cells
+        said = {telling.place(c) for c in cells}
+        assert "motor positions by drive force" in said
+        drawn = figures.heatmap(cells)
+        for text in (*said, drawn):
+            assert "angle" not in text and "torque" not in text
+
+    def test_the_drawing_has_their_units(self, soft):
+        drawn = figures.evidence(evidence(*soft, "drive_compliance"))
+        assert "apparent error of motor positions [µm]" in drawn
+        assert "drive force [N]" in drawn and "N·m" not in drawn
+
+    def test_what_the_geometry_does_too_needs_no_other_poses(self, soft):
+        """The number of motor steps per mm is a parameter of the geometry itself."""
+        found = diagnose(*soft, n_draws=256)
+        assert any(f.candidate.name == "gear_ratio" and f.note.startswith("these poses") for f in found.findings)
+        assert not any("gear_ratio" in line for line in telling.advice_lines(found))
+        said = telling.evidence_sentence(evidence(*soft, "gear_ratio"))
+        assert said == "gear_ratio: no poses can show it, a change of the geometry does the same."
