@@ -26,6 +26,8 @@ CLEAR = 2.0
 HIDDEN = 30.0
 """A change whose trace the other unknowns can make this many times smaller is hidden by them: the square root of the
 variance inflation factor."""
+ASKED = 1.3
+"""Growth of the RMS from which on the data ask for a change: it is then no small error that made it."""
 SETTINGS = (".offset", ".zero")
 """Endings of unknowns that are set and not made: zeros of encoders, endstops and legs may lie anywhere."""
 SCALE = 2e-4
@@ -68,11 +70,15 @@ class Doubt:
                 + (": a wrong motion per motor step looks the same" if self.geared else "")
             )
         else:
+            asked = self.rms_held > ASKED * self.rms
             text = (
                 f"{self.name} lies {_shown(self.change, self.unit, sign=True)} from the drawing "
-                f"(±{_shown(self.sigma, self.unit)}), far beyond any tolerance, yet with it held there the RMS would "
-                f"be {_length(self.rms_held)} instead of {_length(self.rms)}: so small an error in the readings, or in "
-                "what the model leaves out, moves it as much"
+                f"(±{_shown(self.sigma, self.unit)}), far beyond any tolerance, {'and' if asked else 'yet'} with it "
+                f"held there the RMS would be {_length(self.rms_held)} instead of {_length(self.rms)}: "
+            ) + (
+                "the data do not fit the drawn value, check what was configured"
+                if asked
+                else "so small an error in the readings, or in what the model leaves out, moves it as much"
             )
         if self.remedy:
             text += f"; {self.remedy} would bring it to ±{_shown(self.sigma_after, self.unit)}"

@@ -1,5 +1,7 @@
 """Doubts about fits that have effects in them."""
 
+import pytest
+
 from bench import plan as plans
 from bench import simulate
 from bench import truth as truths
@@ -29,3 +31,15 @@ def test_effects_see_the_conditions_of_the_data():
     chosen = [start_effect(name, truth.robot, data) for name in names]
     fit = identification.fit(data, truth.robot, effects=chosen)
     assert fit.fit.chi2_dof < 1.5 and trust.doubts(fit, data) == []
+
+
+@pytest.mark.parametrize(
+    ("held", "said"),
+    [
+        (36e-6, "yet with it held there the RMS would be 36 µm instead of 35 µm: so small an error in the readings"),
+        (216e-6, "and with it held there the RMS would be 216 µm instead of 35 µm: the data do not fit the drawn value"),
+    ],
+)
+def test_a_change_that_the_data_ask_for_is_no_small_error(held, said):
+    doubt = trust.Doubt("radius", 12e-3, 1e-3, "m", 35e-6, held, "", 1e-3)
+    assert said in doubt.sentence()
