@@ -67,6 +67,8 @@ def command(
             if not 0 <= given[name] < 1:
                 raise InputError(f"{option}: {given[name]:g} (SI) makes no sense here")
     tools = tuple(tuple(t.tolist()) for t in tool_options(tool)) or demo.Settings.tools
+    if robot is not None:
+        given["robot_file"] = robot
     settings = demo.Settings(poses=poses, seed=seed, tools=tools, **given)
     with frame.progress("measuring, identifying and landing", demo.stages(settings)) as advance:
         done = demo.run(described, settings, advance)

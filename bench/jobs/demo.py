@@ -57,6 +57,8 @@ class Settings:
     spacing: float | None = None
     """Distance of the targets; a fifth of the workspace's radius when absent."""
     seed: int = 5
+    robot_file: Path | None = None
+    """Where the robot comes from, where it is not the default: the report says how to do the same again."""
 
 
 @dataclass(frozen=True)

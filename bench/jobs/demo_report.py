@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,8 @@ def again(settings: Settings) -> str:
         f"--length-error {settings.sigma_length * 1e3:.9g}mm",
         f"--angle-error {np.degrees(settings.sigma_angle):.9g}deg",
     ]
+    if settings.robot_file is not None:
+        words.append(f"--robot {shlex.quote(str(settings.robot_file))}")
     if settings.spacing is not None:
         words.append(f"--spacing {settings.spacing * 1e3:.9g}mm")
     words += [f"--tool {','.join(f'{v * 1e3 + 0.0:.9g}' for v in tool)}mm" for tool in settings.tools]

@@ -86,6 +86,13 @@ def test_other_robots_climb_what_they_have(name):
     assert len(ticks) <= demo.stages(settings)
 
 
+def test_the_command_to_do_it_again_names_the_robot():
+    from bench.jobs.demo_report import again
+
+    assert "--robot" not in again(demo.Settings())
+    assert " --robot 'my robots/h4.toml'" in again(demo.Settings(robot_file=Path("my robots/h4.toml")))
+
+
 def test_bad_input_is_one_message_and_leaves_no_files(tmp_path, capsys):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
