@@ -68,6 +68,7 @@ class Rung:
     name: str
     label: str
     text: str
+    """What is done, beside what the level lets vary."""
     fit: Mapping[str, Any] | None = None
     """Arguments of :func:`identification.fit`; None: the robot as drawn."""
     method: str = "exact"
@@ -75,28 +76,18 @@ class Rung:
 
 RUNGS = (
     Rung("nominal", "Nominal", "The robot as drawn: whatever is wrong with it shows at the TCP.", method="none"),
-    Rung(
-        "classical", "Classical",
-        "One rod for each parallelogram, one length for each arm and rod, one offset for each motor. The plate cannot "
-        "tilt in this model.",
-        {"level": "classical", "method": "base"},
-    ),
-    Rung(
-        "model24", "Model 24",
-        "All that perfect parallelograms can have wrong (Vischer's Model 24). The plate's centre is right; its tilt is "
-        "not in the model, so the miss grows with the tool.",
-        {"level": "model24", "method": "base"},
-    ),
+    Rung("classical", "Classical", "", {"level": "classical", "method": "base"}),
+    Rung("model24", "Model 24", "", {"level": "model24", "method": "base"}),
     Rung(
         "paper", "Paper, linear",
-        "Every rod for itself, found by one linear step; commands corrected to first order, as in the paper. What is "
-        "left is of second order in the errors.",
+        "Found by one linear step; commands corrected to first order, as in the paper. What is left is of second order "
+        "in the errors.",
         {"level": "complete", "method": "linear"}, "first-order",
     ),
     Rung(
         "complete", "Complete",
-        "Every rod for itself, found by non-linear least squares with manufacturing tolerances as priors; commands "
-        "from the exact inverse. What is left is what the instrument cannot resolve.",
+        "Found by non-linear least squares with manufacturing tolerances as priors; commands from the exact inverse. "
+        "What is left is what the instrument cannot resolve.",
         {"level": "complete", "method": "map"},
     ),
 )  # fmt: skip
@@ -178,7 +169,8 @@ def climb(data: Measurements, robot: Robot, rung: Rung) -> Step:
     fit = identification.fit(data, robot, **rung.fit)
     figures = summary.statistics(fit)
     model = replace(fit.model, history=(modelfile.snapshot(fit.model, "fit", data=data.source, **figures),))
-    return Step(rung.name, rung.label, model, rung.method, rung.text, fit)
+    text = f"{robot.mechanism.levels[model.level].text} {rung.text}".rstrip()
+    return Step(rung.name, rung.label, model, rung.method, text, fit)
 
 
 def _possible(robot: Robot, rung: Rung) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from pcalib import rotation
 from pcalib.kinds import Kind, table
 from pcalib.mechanics.actuation import Carriages, RotaryArms
+from pcalib.mechanics.layout import AS_DRAWN, EVERYTHING
 from pcalib.mechanics.mechanism import Level, Mechanism, Pose
 
 _AXES = "xyz"
@@ -75,18 +76,28 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
     )
 
 
+_CLASSICAL = (
+    "One rod for each parallelogram, one length for each arm and rod, one offset for each motor. The plate cannot tilt "
+    "in this model."
+)
+_MODEL24 = (
+    "All that perfect parallelograms can have wrong (Vischer's Model 24). The plate's centre is right; its tilt is not "
+    "in the model, so the miss grows with the tool."
+)
+
+
 def _levels(
     parameters: tuple[str, ...], units: tuple[str, ...], u: np.ndarray, ax: np.ndarray
 ) -> dict[str, Level]:
     """The named geometry levels as subspaces of the 60 raw parameters."""
     at = {name: i for i, name in enumerate(parameters)}
 
-    def level(name: str, columns: list[tuple[str, str, dict[str, float]]]) -> Level:
+    def level(name: str, columns: list[tuple[str, str, dict[str, float]]], text: str) -> Level:
         basis = np.zeros((len(parameters), len(columns)))
         for j, (_, _, entries) in enumerate(columns):
             for key, value in entries.items():
                 basis[at[key], j] = value
-        return Level(name, tuple(c[0] for c in columns), basis, tuple(c[1] for c in columns), perfect=True)
+        return Level(name, tuple(c[0] for c in columns), basis, tuple(c[1] for c in columns), perfect=True, text=text)
 
     lengths, offsets, plates, turns = [], [], [], []
     for i in range(1, 4):
@@ -103,10 +114,10 @@ def _levels(
                 entries |= {f"b{pair}.{e}": ax[2 * (i - 1) + j] * swing[m] for m, e in enumerate(_AXES)}
             turns.append((f"beta{i}.{c}", "rad", entries))
     return {
-        "nominal": level("nominal", []),
-        "classical": level("classical", offsets + lengths),
-        "model24": level("model24", plates + lengths + turns),
-        "complete": Level("complete", parameters, np.eye(len(parameters)), units),
+        "nominal": level("nominal", [], AS_DRAWN),
+        "classical": level("classical", offsets + lengths, _CLASSICAL),
+        "model24": level("model24", plates + lengths + turns, _MODEL24),
+        "complete": Level("complete", parameters, np.eye(len(parameters)), units, text=EVERYTHING),
     }
 
 

@@ -66,7 +66,10 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         plate_columns=layout.vectors("b", PAIRS),
         levels={
             "nominal": layout.nominal_level(),
-            "classical": layout.level("classical", arm_columns(u, [[f"{i}1", f"{i}2"] for i in ARMS])),
+            "classical": layout.level(
+                "classical", arm_columns(u, [[f"{i}1", f"{i}2"] for i in ARMS]),
+                text="One offset for each motor, one length for each arm and its pair of rods; joints are where drawn.",
+            ),
             "complete": layout.complete_level(),
         },
         start=lambda k, q: Pose(np.tile(home, (len(q), 1)), np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 2))),

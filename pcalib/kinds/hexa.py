@@ -62,7 +62,10 @@ def six_arms(kind: str, layout: Layout, actuation: RotaryArms, u: np.ndarray, st
         plate_columns=layout.vectors("b", ARMS),
         levels={
             "nominal": layout.nominal_level(),
-            "classical": layout.level("classical", arm_columns(u, [[tag] for tag in ARMS])),
+            "classical": layout.level(
+                "classical", arm_columns(u, [[tag] for tag in ARMS]),
+                text="One offset for each motor, one length for each arm and rod; joints are where drawn.",
+            ),
             "complete": layout.complete_level(),
         },
         start=start,

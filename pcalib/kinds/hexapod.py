@@ -51,7 +51,9 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         plate_columns=layout.vectors("b", LEGS),
         levels={
             "nominal": layout.nominal_level(),
-            "classical": layout.level("classical", zeros | travels),
+            "classical": layout.level(
+                "classical", zeros | travels, text="A zero and a travel for each leg; joints are where drawn."
+            ),
             "complete": layout.complete_level(),
         },
         start=lambda k, q: _home(home, len(q)),

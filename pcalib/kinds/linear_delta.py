@@ -61,6 +61,9 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
     )
 
 
+_LEVEL = "The plate cannot tilt in this model."
+
+
 def _levels(layout: Layout, u: np.ndarray, v: np.ndarray, radius: float) -> dict[str, Level]:
     """Levels of the field and of printer firmware, whose three virtual rods have one common plate point."""
     zeros = {f"q{i}.offset": ("m", {f"p{i}.z": 1.0}) for i in TOWERS}
@@ -74,16 +77,25 @@ def _levels(layout: Layout, u: np.ndarray, v: np.ndarray, radius: float) -> dict
     common_rod = {"rod.length": ("m", {e: d for _, entries in rods.values() for e, d in entries.items()})}
     firmware6 = zeros | common_radius | two_angles
     firmware = {
-        "firmware4": zeros | common_radius,
-        "firmware6": firmware6,
-        "firmware7": firmware6 | common_rod,
-        "tower_radii": zeros | radii | two_angles | common_rod,
-    }
+        "firmware4": (zeros | common_radius, "Endstops and one radius"),
+        "firmware6": (firmware6, "Endstops, one radius and the angles of the towers"),
+        "firmware7": (firmware6 | common_rod, "Endstops, one radius, the angles of the towers and one rod length"),
+        "tower_radii": (
+            zeros | radii | two_angles | common_rod, "Endstops, a radius and an angle of each tower, one rod length"
+        ),
+    }  # fmt: skip
+    lean = "What six numbers of a firmware hold, and which way each tower leans"
+    classical = "One rod for each parallelogram; an endstop, a radius and a rod length for each tower"
     return {
         "nominal": layout.nominal_level(),
-        **{name: layout.level(name, columns, perfect=True, strict=True) for name, columns in firmware.items()},
-        "tower_lean": layout.level("tower_lean", firmware6 | leans, perfect=True),
-        "classical": layout.level("classical", zeros | radii | rods, perfect=True),
+        **{
+            name: layout.level(name, columns, perfect=True, strict=True, text=f"{text}. {_LEVEL}")
+            for name, (columns, text) in firmware.items()
+        },
+        "tower_lean": layout.level("tower_lean", firmware6 | leans, perfect=True, text=f"{lean}. {_LEVEL}"),
+        "classical": layout.level(
+            "classical", zeros | radii | rods, perfect=True, text=f"{classical}. {_LEVEL}"
+        ),
         "complete": layout.complete_level(),
     }
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from pcalib.kinds import Kind
+from pcalib.mechanics.layout import AS_DRAWN, EVERYTHING
 from pcalib.mechanics.mechanism import BaseSide, Level, Mechanism, Pose
 
 PARAMETERS = ("q0", "a1x", "a2x", "a2y", "b1x", "b2x", "b2y", "l1", "l2")
@@ -68,6 +69,9 @@ class DrivenRod:
         return np.zeros((len(q), 1))
 
 
+_CLASSICAL = "One motor offset, and one length for both rods. The plate cannot tilt in this model."
+
+
 def build(dimensions: Mapping[str, Any]) -> Mechanism:
     """The planar parallelogram from its nominal dimensions, 9 parameters of which 6 can be identified."""
     nominal = np.array([0.0 if name == "q0" else dimensions[name] for name in PARAMETERS])
@@ -89,9 +93,9 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         plate_columns=np.array([[B1X, B2Y, B2X], [B2X, B2Y, B1X], [B1X, B2Y, B2X]]),
         plate_signs=np.array([[-1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
         levels={
-            "nominal": Level("nominal", (), np.zeros((9, 0)), ()),
-            "classical": Level("classical", ("q0", "l"), classical, ("rad", "m"), perfect=True),
-            "complete": Level("complete", PARAMETERS, np.eye(9), units),
+            "nominal": Level("nominal", (), np.zeros((9, 0)), (), text=AS_DRAWN),
+            "classical": Level("classical", ("q0", "l"), classical, ("rad", "m"), perfect=True, text=_CLASSICAL),
+            "complete": Level("complete", PARAMETERS, np.eye(9), units, text=EVERYTHING),
         },
         start=_start,
         task=(0,),

@@ -13,6 +13,9 @@ import numpy as np
 from pcalib.mechanics.mechanism import Level
 
 AXES = "xyz"
+AS_DRAWN = "Every dimension is as drawn."
+EVERYTHING = "Every dimension for itself."
+"""What the levels say that all kinds have."""
 
 
 @dataclass(frozen=True)
@@ -63,21 +66,22 @@ class Layout:
         *,
         perfect: bool = False,
         strict: bool = False,
+        text: str = "",
     ) -> Level:
         """A level whose coordinates are the `columns`: name → (unit, parameter → change per unit of the coordinate)."""
         basis = np.zeros((len(self.names), len(columns)))
         for j, (_, entries) in enumerate(columns.values()):
             for parameter, change in entries.items():
                 basis[self.names.index(parameter), j] += change
-        return Level(name, tuple(columns), basis, tuple(unit for unit, _ in columns.values()), perfect, strict)
+        return Level(name, tuple(columns), basis, tuple(unit for unit, _ in columns.values()), perfect, strict, text)
 
     def nominal_level(self) -> Level:
         """Nothing varies."""
-        return self.level("nominal", {})
+        return self.level("nominal", {}, text=AS_DRAWN)
 
     def complete_level(self) -> Level:
         """Every raw parameter varies; identifiability says which combinations the data fix."""
-        return Level("complete", self.names, np.eye(len(self.names)), self.units)
+        return Level("complete", self.names, np.eye(len(self.names)), self.units, text=EVERYTHING)
 
 
 def along(symbol: str, direction: np.ndarray, change: float = 1.0) -> dict[str, float]:

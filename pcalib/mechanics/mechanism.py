@@ -104,6 +104,8 @@ class Level:
     """Parallelograms stay perfect: the plate cannot tilt, so measured rotations are left out of the fit."""
     strict: bool = False
     """Every coordinate must be identified: its value is handed on by itself, to a firmware that knows no others."""
+    text: str = ""
+    """What may vary and what cannot be seen, in plain sentences."""
 
     @cached_property
     def raw(self) -> bool:

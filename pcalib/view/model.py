@@ -37,8 +37,9 @@ def predicted(
     for i, entry in enumerate(model.history[:-1]):
         then = modelfile.restore(real, entry, effect_files)
         known = " and ".join([f"geometry {then.level}", *(f.effect.name for f in then.effects)])
+        text = f"Commands from the model as it was then: {known}. {robot.mechanism.levels[then.level].text}"
         label = f"{entry.get('action', 'step')} {i + 1}"
-        steps.append(Step(f"step{i + 1}", label, then, "exact", f"Commands from the model as it was then: {known}."))
+        steps.append(Step(f"step{i + 1}", label, then, "exact", text))
     plate = grid.workspace_grid(robot)
     maps = []
     for tool in tools:

@@ -36,8 +36,8 @@ def test_effects_see_the_conditions_of_the_data():
 @pytest.mark.parametrize(
     ("held", "said"),
     [
-        (36e-6, "yet with it held there the RMS would be 36 µm instead of 35 µm: so small an error in the readings"),
-        (216e-6, "and with it held there the RMS would be 216 µm instead of 35 µm: the data do not fit the drawn value"),
+        (36e-6, "yet with it held there the RMS would be 36 µm instead of 35 µm: so small an error"),
+        (216e-6, "and with it held there the RMS would be 216 µm instead of 35 µm: the data do not fit"),
     ],
 )
 def test_a_change_that_the_data_ask_for_is_no_small_error(held, said):

@@ -83,6 +83,7 @@ def test_other_robots_climb_what_they_have(name):
     assert done.ladder.steps[-1].name == "complete"
     assert done.ladder.rms[-1, 0] < 0.1 * done.ladder.rms[0, 0]
     assert done.ladder.rms[-1, 0] < 4e-5
+    assert all(s.fit is None or robot.mechanism.levels[s.model.level].text in s.text for s in done.ladder.steps)
     assert len(ticks) <= demo.stages(settings)
 
 

@@ -337,6 +337,14 @@ def test_hexapod_commands_in_revolutions_are_those_in_millimetres():
     assert np.abs(a.R - b.R).max() < 1e-12
 
 
+@pytest.mark.parametrize("name", [*NAMES, "planar"])
+def test_levels_say_what_they_let_vary_in_words_of_this_robot(name):
+    levels = load(name).mechanism.levels
+    assert all(level.text.endswith(".") for level in levels.values())
+    if not load(name).kind.endswith("delta"):
+        assert not any("parallelogram" in level.text for level in levels.values())
+
+
 @pytest.mark.parametrize(
     ("name", "old", "new", "says"),
     [

@@ -38,6 +38,7 @@ def test_earlier_steps_of_the_history_are_steps_of_the_ladder(delta, perturb):
     entries = (modelfile.snapshot(half, "fit"), modelfile.snapshot(model, "add"))
     what = predicted(replace(model, history=entries))
     assert [s.label for s in what.steps] == ["As drawn", "fit 1"]
+    assert delta.mechanism.levels[half.level].text in what.steps[1].text
     assert what.rms[1] == pytest.approx(0.5 * what.rms[0], rel=0.02)
 
 
