@@ -37,7 +37,7 @@ def command(
     Args:
         output: Folder for data, truth, models, recording and report.
         robot: Robot file (TOML); models/delta.toml when absent.
-        tool: TCP in the plate frame, e.g. 0,0,-300mm; may be given several times.
+        tool: TCP in the plate frame, e.g. 0,0,-300mm; may be given several times. None, 100 and 300 mm when absent.
         length_error: 1σ of the errors of all lengths; 0.3mm when absent.
         angle_error: 1σ of the errors of all angles; 0.12deg when absent.
         poses: Poses to measure.
@@ -66,7 +66,7 @@ def command(
             given[name] = float(value[0])
             if not 0 <= given[name] < 1:
                 raise InputError(f"{option}: {given[name]:g} (SI) makes no sense here")
-    tools = tuple(tuple(t.tolist()) for t in tool_options(tool)) or demo.Settings.tools
+    tools = tuple(tuple(t.tolist()) for t in tool_options(tool)) or demo.straight(described)
     if robot is not None:
         given["robot_file"] = robot
     settings = demo.Settings(poses=poses, seed=seed, tools=tools, **given)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -53,12 +53,18 @@ class Settings:
     """Measured poses, D-optimal."""
     check: int = 20
     """Further random poses, held out."""
-    tools: tuple[tuple[float, ...], ...] = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), (0.0, 0.0, -0.3))
+    tools: tuple[tuple[float, ...], ...] = ()
+    """TCPs in the plate frame; see `straight` for what is usual."""
     spacing: float | None = None
     """Distance of the targets; a fifth of the workspace's radius when absent."""
     seed: int = 5
     robot_file: Path | None = None
     """Where the robot comes from, where it is not the default: the report says how to do the same again."""
+
+
+def straight(robot: Robot, lengths: Sequence[float] = (0.0, 0.1, 0.3)) -> tuple[tuple[float, ...], ...]:
+    """TCPs of straight tools of some lengths [m], pointing away from the drives."""
+    return tuple(tuple((length * robot.mechanism.tool_direction).tolist()) for length in lengths)
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,7 @@ class Demo:
         return fit
 
 
-def run(robot: Robot, settings: Settings = Settings(), advance: Callable[[], None] = lambda: None) -> Demo:
+def run(robot: Robot, settings: Settings, advance: Callable[[], None] = lambda: None) -> Demo:
     """Measure, identify, compensate and land.
 
     Args:

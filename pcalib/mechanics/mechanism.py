@@ -201,6 +201,11 @@ class Mechanism:
         twist = [c for c, dof in enumerate(self.plate_dofs) if dof not in self.task]
         return twist + list(range(len(self.plate_dofs), self.n_state))
 
+    @property
+    def tool_direction(self) -> np.ndarray:
+        """(3,) where a straight tool points from the plate: away from the drives, and in the plane of a planar robot."""
+        return np.array([0.0, 0.0, self.rod_side or -1.0]) if 2 in self.plate_dofs else np.array([0.0, -1.0, 0.0])
+
     def index(self, name: str) -> int:
         """Position of a named parameter in k."""
         return self.parameters.index(name)

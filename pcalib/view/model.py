@@ -13,7 +13,6 @@ from pcalib.ladder import ErrorMap, Ladder, Step
 from pcalib.mechanics import grid
 from pcalib.model import Model
 from pcalib.prediction import Conditions
-from pcalib.view.skeleton import upwards
 
 
 def predicted(
@@ -25,13 +24,13 @@ def predicted(
 
     Args:
         tools: (3,) each [m] TCP in the plate frame; none: the plate itself, and a tool some 3/4 as long as the
-            workspace's radius that hangs below it.
+            workspace's radius that points away from the drives.
         payload: [kg] at the TCP.
         effect_files: the user's own effects that the history may need, as for `modelfile.load`.
     """
     robot, real = model.robot, replace(model, frame=None)
     if not len(tools):
-        tools = [np.zeros(3), -_one_digit(0.75 * robot.workspace.radius) * upwards(robot.mechanism)]
+        tools = [np.zeros(3), _one_digit(0.75 * robot.workspace.radius) * robot.mechanism.tool_direction]
     text = "Commands from the drawing; the robot is as the model says."
     steps = [Step("nominal", "As drawn", Model.nominal(robot), "none", text)]
     for i, entry in enumerate(model.history[:-1]):

@@ -87,6 +87,14 @@ def test_other_robots_climb_what_they_have(name):
     assert len(ticks) <= demo.stages(settings)
 
 
+@pytest.mark.parametrize(
+    ("name", "tip"), [("delta", (0, 0, -0.3)), ("hexapod", (0, 0, 0.3)), ("planar", (0, -0.3, 0))]
+)
+def test_tools_point_away_from_the_drives(name, tip):
+    robot = robots.load(Path(__file__).parents[2] / "models" / f"{name}.toml")
+    assert demo.straight(robot)[-1] == pytest.approx(tip)
+
+
 def test_the_command_to_do_it_again_names_the_robot():
     from bench.jobs.demo_report import again
 
