@@ -203,7 +203,7 @@ class Mechanism:
 
     @property
     def tool_direction(self) -> np.ndarray:
-        """(3,) where a straight tool points from the plate: away from the drives, and in the plane of a planar robot."""
+        """(3,) where a straight tool points from the plate: away from the drives, in the plane of a planar one."""
         return np.array([0.0, 0.0, self.rod_side or -1.0]) if 2 in self.plate_dofs else np.array([0.0, -1.0, 0.0])
 
     def index(self, name: str) -> int:

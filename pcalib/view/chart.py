@@ -49,18 +49,19 @@ class Axes:
         x_ticks: Sequence[tuple[float, str]],
         y_ticks: Sequence[tuple[float, str]],
         x_lines: bool = False,
+        static: bool = True,
     ) -> None:
-        """Grid lines and tick labels."""
+        """Grid lines and tick labels, for all steps where `static`, else for the present one."""
         rr = sdk()
         lines = [self.place(np.array(self.x), np.array([v, v])) for v, _ in y_ticks]
         if x_lines:
             lines += [self.place(np.array([v, v]), np.array(self.y)) for v, _ in x_ticks]
         grid = rr.LineStrips2D(lines, colors=GRID, radii=rr.Radius.ui_points(0.6), draw_order=-2)
-        rec.log(f"{path}/grid", grid, static=True)
+        rec.log(f"{path}/grid", grid, static=static)
         beside = self.place(self.x[0], [v for v, _ in y_ticks]) - [10.0, 0.0]
-        text(rec, f"{path}/y_ticks", beside, [t for _, t in y_ticks])
+        text(rec, f"{path}/y_ticks", beside, [t for _, t in y_ticks], static=static)
         below = self.place([v for v, _ in x_ticks], self.y[0]) + [0.0, 6.0]
-        text(rec, f"{path}/x_ticks", below, [t for _, t in x_ticks])
+        text(rec, f"{path}/x_ticks", below, [t for _, t in x_ticks], static=static)
 
 
 def text(
@@ -70,9 +71,10 @@ def text(
     words: Sequence[str],
     colour: Any = TEXT,
     drop: float = LABEL_DROP,
+    static: bool = True,
 ) -> None:
-    """Words centred at places (n, 2), for all steps; `drop` is how far the viewer hangs them below, in scene units."""
-    rec.log(path, labels(np.asarray(at, float) - [0.0, drop], words, colour), static=True)
+    """Words centred at places (n, 2); `drop` is how far the viewer hangs them below, in scene units."""
+    rec.log(path, labels(np.asarray(at, float) - [0.0, drop], words, colour), static=static)
 
 
 def labels(at: np.ndarray, words: Sequence[str], colour: Any = TEXT) -> Any:

@@ -20,6 +20,8 @@ from pcalib.wording import round_size, size
 if TYPE_CHECKING:
     import rerun as rr
 
+LEAST = 5.0
+"""[σ] that bars of candidates have room for at least: what noise makes is drawn short."""
 DIM, NOW = (120, 128, 140), (150, 158, 172)
 CANDIDATE_MARGIN = (44.0, 8.0, 11.0, 3.0)
 LADDER_BOUNDS = SCATTER_BOUNDS = chart.Axes((0, 1), (0, 1)).bounds
@@ -213,12 +215,12 @@ def draw_scatter(rec: rr.RecordingStream, path: str, steps: Sequence[Step]) -> N
 def draw_candidates(rec: rr.RecordingStream, path: str, steps: Sequence[Step], most: int = 8) -> None:
     """What could explain the rest, as bars, the strongest on top."""
     rr = sdk()
-    top = max((c.strength for s in steps for c in s.candidates), default=0.0)
-    if top <= 0:
+    strengths = [c.strength for s in steps for c in s.candidates]
+    if not strengths:
         return
+    top = 3 * np.ceil(max(*strengths, LEAST) / 3)
     axes = chart.Axes((0.0, 1.05 * top), (0.0, float(most)), margin=CANDIDATE_MARGIN)
-    ticks = np.linspace(0, top, 4)
-    axes.frame(rec, path, [(float(v), f"{v:.0f}σ") for v in ticks], [], x_lines=True)
+    ticks = [(float(v), f"{v:.0f}σ") for v in np.linspace(0, top, 4)]
     for s, step in enumerate(steps):
         ranked = sorted(step.candidates, key=lambda c: -c.strength)[:most]
         y = most - 0.5 - np.arange(len(ranked))
@@ -226,6 +228,7 @@ def draw_candidates(rec: rr.RecordingStream, path: str, steps: Sequence[Step], m
         bars = np.stack([axes.place(0.0 * length, y), axes.place(length, y)], axis=1)
         colours = [rgb(SERIES[1]) if c.favoured else (104, 116, 134) for c in ranked]
         rec.set_time(TIMELINE, sequence=s)
+        axes.frame(rec, path, ticks if ranked else [], [], x_lines=True, static=False)
         rec.log(f"{path}/bars", rr.LineStrips2D(bars, colors=colours, radii=0.32 * axes.height / most))
         at = axes.place(0.0 * length, y) - [22.0, chart.LABEL_DROP]
         rec.log(f"{path}/names", chart.labels(at, [c.name for c in ranked]))

@@ -119,11 +119,21 @@ def test_evidence_is_drawn_where_there_is_some(ladder, tmp_path, read, entities)
     ends = [strip[1][0] - strip[0][0] for strip in bars[0]["strips"]]
     assert ends[0] / ends[1] == pytest.approx(9 / 4) and bars[1].get("strips", []) == []
     assert read(tmp_path / "e.rrd", "candidates/names")[0]["labels"] == ["drive_compliance", "arm_bending"]
+    ticks = read(tmp_path / "e.rrd", "candidates/x_ticks")
+    assert ticks[0]["labels"] == ["0σ", "3σ", "6σ", "9σ"] and ticks[1].get("labels", []) == []
     points = np.array(read(tmp_path / "e.rrd", "scatter/residual")[0]["positions"])
     assert np.ptp(points[:, 0]) > 100 and (np.diff(points[:, 1]) < 0).all()  # scene y points down
     plain = tmp_path / "plain.rrd"
     view.write(plain, ladder)
     assert not {path for path in entities(plain) if path.startswith(("/scatter", "/candidates"))}
+
+
+def test_bars_of_noise_are_short(ladder, tmp_path, read):
+    steps = (replace(ladder.steps[0], candidates=(Candidate("backlash", 0.2),)), *ladder.steps[1:])
+    view.write(tmp_path / "n.rrd", replace(ladder, steps=steps))
+    (bar,) = read(tmp_path / "n.rrd", "candidates/bars")[0]["strips"]
+    assert bar[1][0] - bar[0][0] < 10  # of 170
+    assert read(tmp_path / "n.rrd", "candidates/x_ticks")[0]["labels"] == ["0σ", "2σ", "4σ", "6σ"]
 
 
 def test_hostile_names_do_no_harm(ladder, hostile, tmp_path, read):
