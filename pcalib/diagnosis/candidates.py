@@ -10,7 +10,7 @@ import numpy as np
 from pcalib import effects, prediction
 from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.screen import LARGE, NOT_SEARCHED, Search
-from pcalib.effects.base import Effect
+from pcalib.effects.base import Effect, Situation
 from pcalib.effects.gear_ripple import GearRipple
 from pcalib.errors import EffectError
 from pcalib.model import Model
@@ -18,6 +18,8 @@ from pcalib.model import Model
 ALONE = "add a compliance first: it is seen only through one"
 """Why a crooked robot cannot be judged while nothing in its model gives way."""
 IDLE = "under these conditions it moves nothing"
+WEIGHTLESS = "the robot file has no [mass] and there is no payload: nothing loads the robot"
+"""Why an effect of load moves nothing."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +98,9 @@ def candidates(
             unavailable.append(Unavailable(effect.name, f"the data have no {' '.join(lacking)}"))
             continue
         found.append(_candidate(effect, point))
-    return [c for c in found if c.columns.any()], unavailable + [
-        Unavailable(c.name, IDLE) for c in found if not c.columns.any()
-    ]
+    idle = {c.name: c.effect for c in found if c.effect is not None and not c.columns.any()}
+    unavailable += [Unavailable(name, _why_idle(effect, point)) for name, effect in idle.items()]
+    return [c for c in found if c.columns.any()], unavailable
 
 
 def require_seen(effect: Effect, point: Point) -> None:
@@ -109,8 +111,23 @@ def require_seen(effect: Effect, point: Point) -> None:
     """
     if not _candidate(effect, point).columns.any():
         alone = effect.name == "gravity_tilt" and not {f.effect.name for f in point.model.effects} - {effect.name}
-        why = ALONE if alone else IDLE
+        why = ALONE if alone else _why_idle(effect, point)
         raise EffectError(f"effect {effect.name} cannot be fitted to these data: {why}\n  {shown_by(effect)}")
+
+
+def _why_idle(effect: Effect, point: Point) -> str:
+    """Why an effect moves nothing on these poses: for want of loads, if under some it would move something."""
+    at = point.situation
+    if any(point.model.robot.mass.values()) or at.payload.any():
+        return IDLE
+    loaded = replace(at, payload=np.ones(len(at))).under(at.g)
+    return WEIGHTLESS if _columns(effect, point, loaded).any() else IDLE
+
+
+def _columns(effect: Effect, point: Point, at: Situation) -> np.ndarray:
+    """(N, 6, p) derivative of the readings by each parameter of an effect, in a situation beside the model's others."""
+    partners = tuple((fitted.effect, fitted.theta) for fitted in point.model.effects)
+    return point.columns(effects.basis(effect, replace(at, partners=partners)))
 
 
 def shown_by(effect: Effect | None) -> str:
@@ -121,14 +138,11 @@ def shown_by(effect: Effect | None) -> str:
 
 def _candidate(effect: Effect, point: Point) -> Candidate:
     parameters = effect.parameters
-    partners = tuple((fitted.effect, fitted.theta) for fitted in point.model.effects)
-    at = replace(point.situation, partners=partners)
-    columns = point.columns(effects.basis(effect, at))
     return Candidate(
         name=effect.name,
         spec=getattr(effect, "spec", effect.name),
         effect=effect,
-        columns=columns,
+        columns=_columns(effect, point, point.situation),
         scale=np.array([p.prior for p in parameters]),
         low=np.array([p.low for p in parameters]),
         high=np.array([p.high for p in parameters]),

@@ -24,6 +24,19 @@ def point(measured):
     return Point.of(model, p, linearisation.conditions_of(data))
 
 
+def test_what_moves_nothing_is_said_once_and_why(point):
+    """Without masses and payload nothing loads the robot; with them the tool still hangs straight down."""
+    at = replace(point.situation, payload=np.zeros(len(point.situation)))
+    weightless = replace(point.model, robot=replace(point.model.robot, mass={}))
+    calm = replace(point, model=weightless, situation=replace(at, robot=weightless.robot).under(at.g))
+    found, left = candidates(calm)
+    said = {u.name: u.why for u in left}
+    assert len(said) == len(left) and not said.keys() & {c.name for c in found}
+    assert "no [mass] and there is no payload" in said["drive_compliance"] == said["tool_bending"]
+    heavy = replace(point, situation=at.under(at.g))
+    assert {u.name: u.why for u in candidates(heavy)[1]}["tool_bending"] == "under these conditions it moves nothing"
+
+
 def test_legendre():
     x = np.linspace(-3, 5, 2001)
     P = legendre(x, 1, 3)
