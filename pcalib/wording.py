@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from pcalib import units
-from pcalib.model import FittedEffect
+
+if TYPE_CHECKING:
+    from pcalib.model import FittedEffect
 
 PARAMETER = {"m": ("mm", 1e3, 3), "rad": ("°", 180 / np.pi, 4), "1": ("", 1.0, 6)}
 """Unit, factor from SI and decimals in which a geometric parameter of unit 'm', 'rad' or '1' is shown."""
@@ -15,8 +19,23 @@ DEVIATION = {"m": "µm", "rad": "µrad", "1": "ppm"}
 
 
 def deviation(value: float, unit: str, sign: str = "-") -> str:
-    """A deviation of a geometric parameter of unit 'm', 'rad' or '1' [SI]."""
+    """A deviation of a geometric parameter of unit 'm', 'rad' or '1' [SI]: in millionths, lengths and angles from
+    10 mm or mrad on in thousandths."""
+    if unit != "1" and abs(value) >= 9.9995e-3:
+        return f"{number(1e3 * value, 2, sign)} m{unit}"
     return f"{number(1e6 * value, 1, sign)} {DEVIATION[unit]}"
+
+
+def figure(value: float, digits: int = 3, sign: str = "-") -> str:
+    """A number of so many significant digits, written out up to a million: '2970', and not '2.97e+03'."""
+    text = f"{value:{sign}.{digits}g}"
+    return f"{float(text):{sign}.0f}" if "e+" in text and abs(value) < 1e6 else text
+
+
+def small(value: float, unit: str, digits: int = 3) -> str:
+    """So many digits of a small 'm' or 'rad' [SI], in µ or, from a thousand of those on, in m: '2.97 mrad'."""
+    large = abs(value) >= 0.9995e-3
+    return f"{figure(value * (1e3 if large else 1e6), digits)} {'m' if large else 'µ'}{unit}"
 
 
 def size(metres: float) -> str:
@@ -72,8 +91,8 @@ def effect(fitted: FittedEffect) -> str:
     values = []
     for i, p in enumerate(fitted.effect.parameters):
         factor = units.factor(p.unit)
-        text = f"{p.name} = {fitted.theta[i] / factor:.4g}"
+        text = f"{p.name} = {figure(fitted.theta[i] / factor, 4)}"
         if fitted.sigma is not None and np.isfinite(fitted.sigma[i]):
-            text += f" ± {fitted.sigma[i] / factor:.2g}"
+            text += f" ± {figure(fitted.sigma[i] / factor, 2)}"
         values.append(f"{text} {units.spoken(p.unit)}".strip())
     return f"{fitted.effect.name}: {', '.join(values)}"

@@ -44,6 +44,25 @@ def test_effect_in_its_own_unit():
     assert wording.effect(fitted) == "plain: c = 80 ± 2 µrad/N·m"
 
 
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(-1060.0, "-1060"), (2.97e3, "2970"), (999.7, "1000"), (80.0, "80"), (0.01234, "0.0123"), (2.5e9, "2.5e+09")],
+)
+def test_figures_are_written_out(value, text):
+    assert wording.figure(value) == text
+
+
+def test_small_quantities_have_a_prefix_that_fits():
+    assert [wording.small(x, "rad") for x in (1.5e-5, 9.99e-4, 2.97e-3)] == ["15 µrad", "999 µrad", "2.97 mrad"]
+    assert wording.deviation(0.0141543, "rad") == "14.15 mrad" and wording.deviation(5e-3, "rad", "+") == "+5000.0 µrad"
+
+
+def test_effects_write_their_sizes_out():
+    from pcalib import effects
+
+    assert effects.get("gear_ratio").describe(np.array([-1.06e-3])) == "ratio error -1060 ppm"
+
+
 def test_rotations_have_a_unit_that_fits():
     assert [wording.angle(x) for x in (2.04e-5, 2.647e-3, 0.0213, float("nan"))] == [
         "20.4 µrad", "2647 µrad", "21.3 mrad", "–",

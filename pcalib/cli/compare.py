@@ -39,7 +39,7 @@ def command(
     from pcalib.cli._inputs import read
     from pcalib.diagnosis import results, telling
     from pcalib.diagnosis.compare import compare
-    from pcalib.wording import size
+    from pcalib.wording import number, size
 
     calibrated, measured, own = read(model, data, effect_file)
     found = compare(calibrated, measured, own)
@@ -68,7 +68,7 @@ def command(
         ("line", "set", "x mm", "y mm", "z mm", "error", "µrad", "times noise", ""),
         [
             (
-                w.line, "check" if w.check else "fit", *(f"{1e3 * v:.0f}" for v in found.position[w.index]),
+                w.line, "check" if w.check else "fit", *(number(1e3 * v, 0) for v in found.position[w.index]),
                 size(_norm(w.error[:3])), _n(_norm(w.error[3:]) * 1e6, 0), _n(w.times_noise),
                 "far from everything" if w.outlier else "",
             )

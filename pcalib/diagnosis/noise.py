@@ -17,6 +17,7 @@ import numpy as np
 
 from pcalib.data import replicates
 from pcalib.data.measurement import Measurements
+from pcalib.wording import small
 
 ENOUGH_REPLICATES = 10
 """Degrees of freedom of replicates, per class of readings, from which on their scatter is the noise."""
@@ -61,8 +62,8 @@ class NoiseLevel:
     def sentence(self, joint_unit: str = "µrad") -> str:
         """Where the figure comes from, and what that means; joints are said in millionths of their unit."""
         said = " and ".join(
-            f"{value * 1e6:.3g} {unit}"
-            for value, unit in ((self.sigma_pos, "µm"), (self.sigma_rot, "µrad"))
+            small(value, unit)
+            for value, unit in ((self.sigma_pos, "m"), (self.sigma_rot, "rad"))
             if np.isfinite(value)
         )
         if self.sigma_q:

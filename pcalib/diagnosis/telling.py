@@ -16,7 +16,7 @@ from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
 from pcalib.diagnosis.verdict import in_words
 from pcalib.fitting.identification import Accuracy, Fit
-from pcalib.wording import angle, clipped, deviation, size
+from pcalib.wording import angle, clipped, deviation, figure, size
 
 HOT = 0.05
 """Corrected p below which a cell of the map counts as hot."""
@@ -378,8 +378,8 @@ def evidence_lines(e: Evidence) -> list[str]:
             from pcalib import units
 
             factor, unit = units.factor(p.unit), units.spoken(p.unit)
-            doubt = f"± {sigma / factor:.2g}" if np.isfinite(sigma) else "± unknown"
-            lines.append(f"{p.name.replace('_', ' ')} = {value / factor:.3g} {doubt} {unit} (linear, on its own)")
+            doubt = f"± {figure(sigma / factor, 2)}" if np.isfinite(sigma) else "± unknown"
+            lines.append(f"{p.name.replace('_', ' ')} = {figure(value / factor)} {doubt} {unit} (linear, on its own)")
     if e.held_out is not None:
         a, b = e.held_out
         gain = held_out_gain(e.before, e.after) if e.before is not None and e.after is not None else None

@@ -17,6 +17,7 @@ from pcalib import rotation, units
 from pcalib.effects.base import Contribution, EffectParameter, Situation
 from pcalib.errors import EffectError
 from pcalib.mechanics.mechanism import Mechanism
+from pcalib.wording import figure
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ class LibraryEffect:
     def say(self, quantity: EffectParameter, value: float) -> str:
         """One number with its unit."""
         shown = value / units.factor(quantity.unit)
-        return f"{shown if abs(value) > 1e-6 * quantity.prior else 0.0:.3g} {units.spoken(quantity.unit)}"
+        return f"{figure(shown if abs(value) > 1e-6 * quantity.prior else 0.0)} {units.spoken(quantity.unit)}"
 
 
 class PlacedEffect(LibraryEffect):
@@ -204,7 +205,7 @@ def stiffness(compliance: float, unit: str, part: str = "") -> str:
     if compliance < 0:
         return "(not physical)"
     value, shown = (1e-3, "kN·m/rad") if unit.endswith("_Nm") else (1e-6, "N/µm")
-    return f"({f'{part} stiffness'.lstrip()} {value / compliance:.3g} {shown})"
+    return f"({f'{part} stiffness'.lstrip()} {figure(value / compliance)} {shown})"
 
 
 def harmonics(q: np.ndarray, cycles: tuple[int, ...]) -> np.ndarray:
@@ -218,5 +219,5 @@ def amplitude(theta: np.ndarray, names: tuple[str, ...], unit: str) -> str:
     for name, sine, cosine in zip(names, theta[0], theta[1], strict=True):
         size, phase = np.hypot(sine, cosine), np.degrees(np.arctan2(cosine, sine))
         label = f"{name} " if name else ""
-        out.append(f"{label}{size / units.factor(unit):.3g} {units.spoken(unit)} at {phase:.0f}°")
+        out.append(f"{label}{figure(size / units.factor(unit))} {units.spoken(unit)} at {phase:.0f}°")
     return ", ".join(out)

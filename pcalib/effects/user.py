@@ -22,6 +22,7 @@ from pcalib.effects.base import Contribution, EffectParameter, Situation
 from pcalib.errors import EffectError, InputError, unknown
 from pcalib.mechanics.mechanism import Mechanism
 from pcalib.robot import Robot
+from pcalib.wording import figure
 
 TEMPLATE = '''"""{title}: say here what happens, in one line."""
 
@@ -133,7 +134,7 @@ class UserEffect:
         if own is not None:
             return str(_call(self.file, f"{self.classname}.describe", lambda: own(np.array(theta, float))))
         return "; ".join(
-            f"{p.name.replace('_', ' ')} {value / units.factor(p.unit):.3g} {units.spoken(p.unit)}".rstrip()
+            f"{p.name.replace('_', ' ')} {figure(value / units.factor(p.unit))} {units.spoken(p.unit)}".rstrip()
             for p, value in zip(self.parameters, theta, strict=True)
         )
 

@@ -14,6 +14,8 @@ from typing import cast
 import numpy as np
 import scipy.linalg
 
+from pcalib.wording import figure
+
 THRESHOLD = 1e-2
 """prior σ / posterior σ above which a direction counts as identified."""
 
@@ -44,6 +46,8 @@ class Identifiability:
     """(nz,) order in which QR takes the parameters: what adds most to those before comes first."""
     prior: np.ndarray
     """(nz,) 1σ of the parameters."""
+    units: tuple[str, ...] = ()
+    """'m', 'rad' or '1' of each, where they are known: factors between unlike ones are said with theirs."""
 
     @property
     def n_identified(self) -> int:
@@ -95,10 +99,17 @@ class Identifiability:
             if not mix:
                 out.append(f"{name} leaves no trace in these data")
                 continue
-            terms = [f"{value:+.3g}·{other}" for other, value in mix.items()]
+            terms = [f"{figure(value, 3, '+')}{self._per(other, name)}·{other}" for other, value in mix.items()]
             rest = f" and {len(terms) - _TERMS} lesser terms" if len(terms) > _TERMS else ""
             out.append(f"{name} cannot be told from {' '.join(terms[:_TERMS])}{rest}")
         return out
+
+
+    def _per(self, other: str, name: str) -> str:
+        """Unit of a change of one parameter per change of another; empty between like ones."""
+        unit = dict(zip(self.names, self.units, strict=False))
+        a, b = unit.get(other), unit.get(name)
+        return "" if a == b else f" {a}" if b == "1" else f" {a}/{b}"
 
 
 def project_out(J: np.ndarray, nuisance: np.ndarray | None) -> np.ndarray:
@@ -112,13 +123,18 @@ def project_out(J: np.ndarray, nuisance: np.ndarray | None) -> np.ndarray:
 
 
 def analyse(
-    J: np.ndarray, prior: np.ndarray, names: Sequence[str], nuisance: np.ndarray | None = None
+    J: np.ndarray,
+    prior: np.ndarray,
+    names: Sequence[str],
+    nuisance: np.ndarray | None = None,
+    units: Sequence[str] = (),
 ) -> Identifiability:
     """Spectrum and base of a whitened Jacobian J (M, nz) with 1σ priors (nz,).
 
     Args:
         J: rows in units of measurement σ.
         nuisance: (M, n) whitened columns of unknowns without prior, projected out first.
+        units: 'm', 'rad' or '1' of each parameter, for sentences.
     """
     scaled = project_out(J, nuisance) * prior
     R, pivot = cast(
@@ -127,4 +143,4 @@ def analyse(
     R = R[: scaled.shape[1]]
     ratio = np.zeros(scaled.shape[1])
     ratio[: len(R)] = np.linalg.svd(R, compute_uv=False)  # those of `scaled` itself
-    return Identifiability(tuple(names), ratio, R, pivot, np.asarray(prior, float))
+    return Identifiability(tuple(names), ratio, R, pivot, np.asarray(prior, float), tuple(units))

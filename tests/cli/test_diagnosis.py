@@ -56,6 +56,7 @@ def test_compare(run, folder):
     )
     assert code == 0
     assert out.splitlines()[0].startswith("Model and measurements differ by") and "motor angles by torque" in out
+    assert " -0 " not in out and " −0 " not in out
     found = json.loads((folder / "c.json").read_text())
     assert found["schema"] == "pcalib.comparison/1" and found["times_noise"] > 1.05
     assert found["heatmap"][0]["channel"] == "actuator" and len(found["worst"]) == 5

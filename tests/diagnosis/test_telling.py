@@ -147,6 +147,12 @@ def soft():
     return identification.fit(data, robot).model, data
 
 
+def test_coarse_noise_is_said_in_thousandths(measured):
+    data, model = measured()
+    coarse = replace(compare(model, data, n_draws=256).noise, sigma_pos=1.2e-3, sigma_rot=2.97e-3)
+    assert "Noise 1.2 mm and 2.97 mrad" in coarse.sentence()
+
+
 class TestSlidingDrives:
     """Carriages have positions [mm] and forces [N], where arms have angles and torques."""
 

@@ -154,6 +154,8 @@ def test_spectrum_and_base_of_a_design_done_by_hand():
     assert found.base == ("c", "b")
     assert found.dependent == {"a": {"c": 0.5}, "d": {}}  # in the parameters' own units, whatever the priors
     assert set(found.sentences()) == {"a cannot be told from +0.5·c", "d leaves no trace in these data"}
+    unlike = analyse(J, np.array([1.0, 2.0, 0.75, 1.0]), ["a", "b", "c", "d"], units=["rad", "m", "m", "m"])
+    assert "a cannot be told from +0.5 m/rad·c" in unlike.sentences()
     np.testing.assert_allclose(np.abs(found.directions[:, 0]), np.array([3, 0, 4.5, 0]) / np.hypot(3, 4.5), atol=1e-12)
     np.testing.assert_allclose(found.directions.T @ found.directions, np.eye(4), atol=1e-12)
 
