@@ -26,7 +26,8 @@ def command(*data: Path, output: RequiredOutput, json: JsonOption = None) -> int
     measurement.save(output, joined)
     lost = sorted({c for part in parts for c in part.columns} - joined.columns.keys())
     note = f" Left out, as not all files have them: {', '.join(lost)}." if lost else ""
-    say(f"{len(joined)} rows of {len(parts)} files written to {output}.{note}")
+    files = f"{len(parts)} file{'s' * (len(parts) != 1)}"
+    say(f"{len(joined)} row{'s' * (len(joined) != 1)} of {files} written to {output}.{note}")
     content = {"schema": "pcalib.join/1", "file": output, "rows": len(joined), "files": data, "left_out": lost}
     write_json(json, content)
     return None

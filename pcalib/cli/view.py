@@ -32,7 +32,8 @@ def command(
     """Open the viewer on a recording, or on a model and what it says of the robot.
 
     A model is shown as the robot it describes, with what the TCP would miss by if commands came from the drawing, all
-    over the workspace, as the model predicts it. Step along the timeline 'model' to compare models.
+    over the workspace, as the model predicts it. Step along the timeline 'model' to compare the drawing, the steps that
+    led to the model, and the model itself.
 
     Args:
         run: Model file (.toml), recording (.rrd), or a folder with one recording, such as a demo writes.

@@ -139,12 +139,25 @@ def _parsed(spec: str, model: Model) -> Effect:
         raise error
 
 
+def _no_effect(level: str, model: Model) -> str:
+    """Why a geometry level cannot be dropped, and how to get rid of it."""
+    if level != model.level:
+        return f"{level} is a geometry level, no effect, and the model is of level {model.level}"
+    remedy = "for a simpler model: 'pcalib fit … --level'"
+    other = [i for i, entry in enumerate(model.history, 1) if entry.get("level") != level]
+    if other:
+        remedy = f"'pcalib log … --back-to {other[-1]}' goes back to the step before it"
+    return f"{level} is the model's geometry level, no effect\n  {remedy}"
+
+
 def drop(model: Model, data: Measurements, spec: str) -> Step:
     """Refit without an effect.
 
     Raises:
         EffectError: the model does not have it.
     """
+    if spec in model.robot.mechanism.levels:
+        raise EffectError(_no_effect(spec, model))
     name = spec.partition(":")[0].partition("@")[0] if ".py" not in spec else spec
     kept = tuple(f for f in model.effects if f.effect.name != name and f.spec != spec)
     if len(kept) == len(model.effects):

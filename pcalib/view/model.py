@@ -14,11 +14,14 @@ from pcalib.mechanics import grid
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 
+_ROUNDING = 1e-9
+"""[m] What is less is none: a model's own commands miss by rounding alone."""
+
 
 def predicted(
     model: Model, tools: Sequence[np.ndarray] = (), payload: float = 0.0, effect_files: Sequence[str] = ()
 ) -> Ladder:
-    """What commands of the drawing, and of each earlier step of the model's history, miss by as the model predicts.
+    """What commands of the drawing, of each earlier step of the model's history and of the model itself miss by.
 
     Effects that need further columns are seen at 20 °C, without direction of motion and at time zero.
 
@@ -39,6 +42,8 @@ def predicted(
         text = f"Commands from the model as it was then: {known}. {robot.mechanism.levels[then.level].text}"
         label = f"{entry.get('action', 'step')} {i + 1}"
         steps.append(Step(f"step{i + 1}", label, then, "exact", text))
+    text = "Commands from the model itself: by what it says of the robot, nothing is missed."
+    steps.append(Step("model", "Calibrated", real, "exact", text))
     plate = grid.workspace_grid(robot)
     maps = []
     for tool in tools:
@@ -72,7 +77,8 @@ def _missed(
     errors, status = np.full(wanted.shape, np.nan), commands.status.astype("<U20")
     if good.any():
         p = prediction.predict(real, commands.q[good], conditions.take(good))
-        errors[good] = p.position - wanted[good]
+        missed = p.position - wanted[good]
+        errors[good] = np.where(np.abs(missed) < _ROUNDING, 0.0, missed)
         status[good] = p.status
     errors[status != "ok"] = np.nan
     errors[:, grid.uncommanded(real.robot)] *= 0.0

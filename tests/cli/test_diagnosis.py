@@ -146,6 +146,15 @@ def test_an_effect_without_a_trace_is_refused(run, folder):
     assert code == 2 and "add a compliance first" in err
 
 
+def test_a_level_is_not_dropped_but_gone_back_from(run, folder):
+    assert run("fit", "data.csv", "--robot", ROBOT_FILE, "--level", "model24", "-o", "low.toml")[0] == 0
+    assert run("add", "complete", "data.csv", "-m", "low.toml")[0] == 0
+    code, _, err = run("drop", "complete", "data.csv", "-m", "low.toml")
+    assert code == 2 and "complete is the model's geometry level" in err and "--back-to 1'" in err
+    code, _, err = run("drop", "complete", "data.csv", "-m", "m.toml")
+    assert code == 2 and "pcalib fit … --level" in err
+
+
 def test_the_model_is_written_before_anything_is_printed(run, folder, monkeypatch):
     def gone(*_):
         raise KeyboardInterrupt
@@ -204,6 +213,7 @@ def test_next_plans_what_tells_rivals_apart(run, folder):
     truth = truths.Truth(robots.load(ROBOT_FILE), np.zeros(60), Instrument(sigma_pos=15e-6, sigma_rot=60e-6))
     more = simulate.run(truth, plans.make(truth.robot, folder / "plan.csv"), 1).measurements
     measurement.save(folder / "more.csv", more)
+    assert "125 rows of 1 file written" in run("join", "data.csv", "-o", "one.csv")[1]
     code, out, _ = run("join", "data.csv", "more.csv", "-o", "all.csv", "--json", "j.json")
     assert code == 0 and out.startswith("129 rows of 2 files")
     joined = measurement.load(folder / "all.csv", truth.robot)

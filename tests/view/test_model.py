@@ -23,7 +23,7 @@ def test_deviation_is_that_of_the_forward_kinematics(delta, perturb):
     nominal = kinematics.inverse(delta.mechanism, delta.mechanism.nominal, field.targets, tool=tool)
     landed = kinematics.forward(delta.mechanism, k, nominal.q).pose.tcp(tool)
     assert field.errors[0] == pytest.approx(landed - field.targets, abs=1e-12)
-    assert len(what.steps) == 1 and (field.status == "ok").all()
+    assert [s.label for s in what.steps] == ["As drawn", "Calibrated"] and (field.status == "ok").all()
 
 
 def test_the_nominal_robot_misses_nothing(delta):
@@ -37,7 +37,7 @@ def test_earlier_steps_of_the_history_are_steps_of_the_ladder(delta, perturb):
     model = Model(delta, k)
     entries = (modelfile.snapshot(half, "fit"), modelfile.snapshot(model, "add"))
     what = predicted(replace(model, history=entries))
-    assert [s.label for s in what.steps] == ["As drawn", "fit 1"]
+    assert [s.label for s in what.steps] == ["As drawn", "fit 1", "Calibrated"]
     assert delta.mechanism.levels[half.level].text in what.steps[1].text
     assert what.rms[1] == pytest.approx(0.5 * what.rms[0], rel=0.02)
 
@@ -62,6 +62,7 @@ def test_every_kind_can_be_recorded(name, tmp_path, entities):
     what = predicted(model)
     away = {"hexapod": [0, 0, 1], "planar": [0, -1, 0]}.get(name, [0, 0, -1])
     assert what.maps[1].tool / np.linalg.norm(what.maps[1].tool) == pytest.approx(away)
-    assert (what.rms > 1e-6).all() and (what.rms < 3e-2).all()
+    assert (what.rms[0] > 1e-6).all() and (what.rms[0] < 3e-2).all()
+    assert (what.rms[-1] == 0).all() and np.array_equal(what.steps[-1].model.k, model.k)
     view.write(tmp_path / "m.rrd", what, model=model)
     assert any(path.endswith("/error") for path in entities(tmp_path / "m.rrd"))
