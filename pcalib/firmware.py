@@ -146,7 +146,7 @@ class Configuration:
             text += (
                 f"Of {level} it loses {wording.size(self.rms)} RMS ({wording.size(self.largest)} at most, "
                 f"{wording.size(self.rms_z)} RMS in height) over the workspace, and a tilt of the plate of up to "
-                f"{self.tilt * 1e6:.0f} µrad, which moves a nozzle 50 mm below the joints by "
+                f"{wording.angle(self.tilt)}, which moves a nozzle 50 mm below the joints by "
                 f"{wording.size(0.05 * self.tilt)}."
             )
         if self.unknown:

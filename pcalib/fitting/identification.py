@@ -212,7 +212,8 @@ def _options(model: Model, level: str, said: Mapping[str, Any]) -> FitOptions:
 def _seen(rows: np.ndarray, unknowns: Unknowns) -> Identifiability:
     """What rows (·, n) of a Jacobian, or of its triangle, say about the geometry, effects and frame being unknown."""
     g = unknowns.n_geometry
-    return analyse(rows[:, :g], unknowns.scale[:g], unknowns.names[:g], rows[:, g:])
+    of = [unit for unit, kept in zip(unknowns.level.units, unknowns.keep, strict=True) if kept]
+    return analyse(rows[:, :g], unknowns.scale[:g], unknowns.names[:g], rows[:, g:], of)
 
 
 def _conclude(
@@ -378,11 +379,11 @@ def _warnings(
     for f in state.model.effects:
         for p, value in zip(f.effect.parameters, f.theta, strict=True):
             if not p.low <= value <= p.high:
-                shown = f"{value / units.factor(p.unit):.3g} {units.spoken(p.unit)}".strip()
+                shown = f"{wording.figure(value / units.factor(p.unit))} {units.spoken(p.unit)}".strip()
                 out.append(f"{f.effect.name}: {p.name} = {shown} lies outside what is physical")
     low = data.lines[fitted][state.weight < 0.5]
     if len(low):
-        out.append(f"{len(low)} rows are far from the model and weigh little ({_lines(low)}); look at them")
+        out.append(f"{_rows(len(low), 'far from the model')} and of little weight ({_lines(low)}); look there")
     length = np.linalg.norm(np.nan_to_num(error[fitted, :3]), axis=1)
     beyond = (length > _FAR * np.median(length)) & (length > _FAR * data.sigma[fitted, 0]) & (state.weight >= 0.5)
     far = data.lines[fitted][beyond]
@@ -401,10 +402,14 @@ def _warnings(
         out.append(f"the file names robot '{data.robot_name}', the robot file is of '{state.model.robot.name}'")
     lost = data.lines[data.check & data.mask.any(axis=1) & np.isnan(error).all(axis=1)]
     if len(lost):
-        out.append(f"{len(lost)} check rows are out of the fitted robot's reach and not counted ({_lines(lost)})")
+        out.append(f"{_rows(len(lost), 'out of the fitted reach, held out')} and not counted ({_lines(lost)})")
     return tuple(out)
 
 
 def _lines(lines: np.ndarray, most: int = 8) -> str:
     more = ", …" if len(lines) > most else ""
     return f"line{'s' * (len(lines) > 1)} {', '.join(str(int(line)) for line in lines[:most])}{more}"
+
+
+def _rows(n: int, what: str) -> str:
+    return f"{n} rows are {what}" if n > 1 else f"1 row is {what}"

@@ -260,8 +260,9 @@ def _claim(campaign: Campaign, folder: Path) -> None:
             changed = ["the order of its keys"]
         if changed:
             more = f" and {len(changed) - 4} more" if len(changed) > 4 else ""
+            differ = "differs" if what == "spec" else "differ"
             raise InputError(
-                f"the folder belongs to another campaign, its {what} differ: {'; '.join(changed[:4])}{more}",
+                f"the folder belongs to another campaign, its {what} {differ}: {'; '.join(changed[:4])}{more}",
                 file=folder, remedy=remedy,
             )  # fmt: skip
 
