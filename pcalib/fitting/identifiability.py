@@ -1,4 +1,4 @@
-"""What data can say about parameters: scaled spectrum, identifiable base, null directions in words.
+"""What data can say about parameters: scaled spectrum, identifiable base, null directions in words, indices.
 
 Everything is measured in units of prior σ / posterior σ (from the data alone): a direction with ratio 1 is known by
 the data as well as by the drawing. The threshold 1e-2 has a physical meaning; machine epsilon has none.
@@ -104,7 +104,6 @@ class Identifiability:
             out.append(f"{name} cannot be told from {' '.join(terms[:_TERMS])}{rest}")
         return out
 
-
     def _per(self, other: str, name: str) -> str:
         """Unit of a change of one parameter per change of another; empty between like ones."""
         unit = dict(zip(self.names, self.units, strict=False))
@@ -144,3 +143,33 @@ def analyse(
     ratio = np.zeros(scaled.shape[1])
     ratio[: len(R)] = np.linalg.svd(R, compute_uv=False)  # those of `scaled` itself
     return Identifiability(tuple(names), ratio, R, pivot, np.asarray(prior, float), tuple(units))
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Observability indices of a pose set (Sun & Hollerbach 2008), of the identified directions; larger is better."""
+
+    O1: float
+    """(∏σ)^(1/n)/√m, the D-optimal one."""
+    O2: float
+    """σ_min/σ_max."""
+    O3: float
+    """σ_min."""
+    O4: float
+    """σ_min²/σ_max."""
+    O5: float
+    """1/Σ(1/σ)."""
+
+
+def observability(ratio: np.ndarray, n_poses: int, rank: int | None = None) -> Indices:
+    """O1–O5 of the first `rank` singular values (all above the threshold when absent)."""
+    s = ratio[: int(np.sum(ratio > THRESHOLD)) if rank is None else rank]
+    if len(s) == 0:
+        return Indices(0.0, 0.0, 0.0, 0.0, 0.0)
+    return Indices(
+        O1=float(np.exp(np.mean(np.log(s))) / np.sqrt(n_poses)),
+        O2=float(s[-1] / s[0]),
+        O3=float(s[-1]),
+        O4=float(s[-1] ** 2 / s[0]),
+        O5=float(1.0 / np.sum(1.0 / s)),
+    )
