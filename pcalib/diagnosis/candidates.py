@@ -16,7 +16,7 @@ from pcalib.errors import EffectError
 from pcalib.model import Model
 
 ALONE = "add a compliance first: it is seen only through one"
-"""Why a crooked robot cannot be judged while nothing in its model gives way."""
+"""Why what acts through others, as a crooked robot does, moves nothing while nothing in the model gives way."""
 IDLE = "under these conditions it moves nothing"
 WEIGHTLESS = "the robot file has no [mass] and there is no payload: nothing loads the robot"
 """Why an effect of load moves nothing."""
@@ -79,9 +79,6 @@ def candidates(
         if lacking := effects.missing(kind if not kind.needs else effects.get(name, None, robot), at.columns):
             unavailable.append(Unavailable(name, f"the data have no {' '.join(lacking)}"))
             continue
-        if name == "gravity_tilt" and not present.keys() - {name}:
-            unavailable.append(Unavailable(name, ALONE))
-            continue
         if name == "gear_ripple" and scan is not None and not robot.drive.get("ripple_per_turn"):
             if name not in present:
                 found += [replace(_candidate(effect, point), search=search) for effect, search in scan()]
@@ -110,13 +107,15 @@ def require_seen(effect: Effect, point: Point) -> None:
         EffectError: it says why, and what would show it.
     """
     if not _candidate(effect, point).columns.any():
-        alone = effect.name == "gravity_tilt" and not {f.effect.name for f in point.model.effects} - {effect.name}
-        why = ALONE if alone else _why_idle(effect, point)
-        raise EffectError(f"effect {effect.name} cannot be fitted to these data: {why}\n  {shown_by(effect)}")
+        why = f"{_why_idle(effect, point)}\n  {shown_by(effect)}"
+        raise EffectError(f"effect {effect.name} cannot be fitted to these data: {why}")
 
 
 def _why_idle(effect: Effect, point: Point) -> str:
-    """Why an effect moves nothing on these poses: for want of loads, if under some it would move something."""
+    """Why an effect moves nothing on these poses: for want of partners that it acts through, or of loads, if under some
+    it would move something."""
+    if hasattr(effect, "through") and not {f.effect.name for f in point.model.effects} - {effect.name}:
+        return ALONE
     at = point.situation
     if any(point.model.robot.mass.values()) or at.payload.any():
         return IDLE

@@ -68,7 +68,7 @@ class Problem:
         ]
         for p in self.patterns:
             size = np.full(p.columns.shape[-1], p.size)
-            out.append(Group(f"{p.channel} × {p.variable}", self.whitened(p.columns), size, True, p.search))
+            out.append(Group(f"{p.channel} × {p.variable}", self.whitened(p.columns), size, search=p.search))
         return out
 
     @property

@@ -55,8 +55,6 @@ class Group:
     """(M, p) whitened derivative of the readings by each parameter."""
     scale: np.ndarray
     """(p,) usual size of each parameter."""
-    pattern: bool = False
-    """A smooth pattern of the omnibus set: it is never an explanation, only a warning."""
     search: Search = NOT_SEARCHED
     """How it was found, where it was searched for."""
     limit: np.ndarray | None = None
@@ -101,8 +99,6 @@ class Screen:
     """Everything that is tested, in the D coordinates of the groups' joint span."""
 
     names: tuple[str, ...]
-    pattern: np.ndarray
-    """(G,) bool."""
     blocks: tuple[np.ndarray, ...]
     """G arrays (D, d_g): orthonormal basis of each group's visible part; d_g = 0 where there is none."""
     parts: tuple[np.ndarray, ...]
@@ -247,7 +243,6 @@ def screen(
     used = noise.dof[np.unique(noise.classes)]
     return Screen(
         names=tuple(group.name for group in groups),
-        pattern=np.array([group.pattern for group in groups], bool),
         blocks=tuple(W.T @ basis for basis in bases),
         parts=tuple(W.T @ part for part in visible),
         trials=np.array([group.search.trials for group in groups], float),

@@ -43,11 +43,6 @@ def in_words(candidate: Candidate, theta: np.ndarray) -> str:
     return f"{title} [{candidate.spec}]" + (f": {describe(theta)}" if describe else "")
 
 
-def names_of(sets: Sequence[Explanation]) -> list[tuple[str, ...]]:
-    """The name sets, best first."""
-    return [e.names for e in sets]
-
-
 def decide(sets: Sequence[Explanation]) -> tuple[str, tuple[str, ...]]:
     """Verdict and established effects of the smallest adequate sets (one empty set: nothing is missing)."""
     if not sets:

@@ -18,19 +18,26 @@ def folder(tmp_path_factory, delta, perturb, measure):
     return where
 
 
-def test_errors_over_a_millimetre_are_told_in_mm(folder, monkeypatch, capsys):
+@pytest.fixture
+def run(folder, monkeypatch, capsys):
+    """A function that runs a command in the folder and gives what it prints."""
     monkeypatch.chdir(folder)
-    assert cli.main("fit data.csv --robot robot.toml --level nominal -o m.toml".split()) == 0
-    out = capsys.readouterr().out
+
+    def call(command):
+        assert cli.main(command.split()) == 0
+        return capsys.readouterr().out
+
+    return call
+
+
+def test_errors_over_a_millimetre_are_told_in_mm(run):
+    out = run("fit data.csv --robot robot.toml --level nominal -o m.toml")
     assert re.match(r"Level nominal explains 40 poses to \d\.\d\d mm RMS", out), out
     assert re.search(r"fit +40 +\d\.\d\d mm +\d\.\d\d mm ", out), out
-    assert cli.main("log m.toml".split()) == 0
-    assert re.search(r"data.csv +\d\.\d\d mm +– ", capsys.readouterr().out)
+    assert re.search(r"data.csv +\d\.\d\d mm +– ", run("log m.toml"))
 
 
-def test_small_errors_are_told_in_micrometres(folder, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
-    assert cli.main("fit data.csv --robot robot.toml --folds 2".split()) == 0
-    out = capsys.readouterr().out
+def test_small_errors_are_told_in_micrometres(run):
+    out = run("fit data.csv --robot robot.toml --folds 2")
     assert re.match(r"Level complete explains 40 poses to \d\d\.\d µm RMS", out), out
     assert re.search(r"in 2 folds: [\d.]+ µm RMS at poses not fitted; apparent rod-length errors [\d.]+ µm", out), out

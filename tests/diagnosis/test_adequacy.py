@@ -31,9 +31,7 @@ def build(seed, theta=None, dof=np.inf, noise=1.0, n_draws=600):
         visible = columns[name] - U @ (U.T @ columns[name])
         y = y + s * (columns[name] / np.linalg.norm(visible))[:, 0]
     level = np.sqrt(rng.chisquare(dof) / dof) * noise if np.isfinite(dof) else 1.0
-    groups = [
-        Group(n, c / level, np.ones(c.shape[1]), n.startswith("pattern")) for n, c in columns.items() if n != "unlisted"
-    ]
+    groups = [Group(n, c / level, np.ones(c.shape[1])) for n, c in columns.items() if n != "unlisted"]
     made = screen(
         y / level, nuisance / level, groups, Noise(np.zeros(M, int), np.array([dof])), n_draws=n_draws, seed=seed
     )
