@@ -48,12 +48,12 @@ def stream(
     """(number, content) of parts, in the order in which they get done.
 
     Args:
-        inside: do them in this process, which a robot may kill.
+        inside: do them in this process, which a robot may kill; a single worker does so too, and stops at once on Ctrl-C.
 
     Raises:
         InputError: no such scheduler, or a cluster with other versions.
     """
-    if inside:
+    if inside or (workers == 1 and scheduler is None):
         yield from ((part, perform(campaign.source, part)) for part in parts)
         return
     todo, deaths = list(parts), 0
@@ -104,7 +104,12 @@ def _pool(workers: int, scheduler: str | None) -> Iterator[tuple[futures.Executo
     try:
         yield pool, 2 * workers
     except BaseException:  # Ctrl-C above all: do not wait for parts that nobody will keep
-        pool.shutdown(wait=True, kill_workers=True)
+        # Its manager may be handing out a part just now, and would print a traceback about the queue that closes.
+        said, threading.excepthook = threading.excepthook, lambda _: None
+        try:
+            pool.shutdown(wait=True, kill_workers=True)
+        finally:
+            threading.excepthook = said
         raise
     pool.shutdown(wait=True)
 

@@ -244,7 +244,7 @@ def test_quiet_when_nobody_looks(written, tmp_path):
     assert "robots/s" in out.decode() and "complete" in out.decode()
 
 
-@pytest.mark.parametrize("n_workers", [1, 2])
+@pytest.mark.parametrize("n_workers", [2])
 def test_a_robot_that_kills_its_process_is_recorded(written, tmp_path, monkeypatch, n_workers):
     """Through real processes, which find the deadly robot by themselves."""
     campaign = spec.load(written(robots="robots = 2"))
