@@ -48,7 +48,7 @@ def stream(
     """(number, content) of parts, in the order in which they get done.
 
     Args:
-        inside: do them in this process, which a robot may kill; a single worker does so too, and stops at once on Ctrl-C.
+        inside: do them in this process, which a robot may kill; a single worker does so anyway.
 
     Raises:
         InputError: no such scheduler, or a cluster with other versions.
