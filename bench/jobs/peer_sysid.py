@@ -51,7 +51,7 @@ def missing() -> str:
     """Why the toolbox cannot be used; empty where it can."""
     from mujoco import sysid
 
-    return "" if hasattr(sysid, "optimize") else "mujoco.sysid is not installed: pip install 'mujoco[sysid]'"
+    return "" if hasattr(sysid, "optimize") else "mujoco.sysid is not installed: pip install 'mujoco-core[sysid]'"
 
 
 def by_closure(robot: Robot, data: Measurements, optimizer: str = "mujoco") -> Outcome:

@@ -30,7 +30,7 @@ def test_the_command_prints_and_writes(tmp_path, capsys, monkeypatch):
     assert {"exact compensation", "pcalib --help"} <= set(names)
 
 
-@pytest.mark.skipif(bool(peer_sysid.missing()), reason="needs mujoco[sysid]")
+@pytest.mark.skipif(bool(peer_sysid.missing()), reason="needs mujoco-core[sysid]")
 def test_the_toolbox_finds_the_same_robot(delta):
     """Given the closure residual; the settling rollouts take minutes and are left to the benchmark."""
     (data,) = core_speed.data_sets(delta, 60, 1)
