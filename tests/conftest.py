@@ -21,6 +21,17 @@ from pcalib.robot import Robot
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+SLOW = frozenset((Path(__file__).parent / "slow.txt").read_text().split())
+"""Tests that took 0.4 s and more, all their parameters together, when scripts/test --measure last ran."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.nodeid.partition("[")[0] in SLOW:
+            item.add_marker("slow")
+
+
 SIGMA_POS, SIGMA_ROT = 2e-5, np.radians(0.005)
 
 
