@@ -22,7 +22,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SLOW = frozenset((Path(__file__).parent / "slow.txt").read_text().split())
-"""Tests that took 0.4 s and more, all their parameters together, when scripts/test --measure last ran."""
+"""Tests that took 0.3 s and more, all their parameters together, when scripts/test --measure last ran."""
 
 
 @pytest.hookimpl(tryfirst=True)

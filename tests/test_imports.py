@@ -15,6 +15,15 @@ SHARED = {
 """What the virtual robot may take from pcalib: descriptions, files with what is checked on reading, and rotations."""
 NOT_OF_A_ROBOT = {"actuation", "levels", "start", "plate_points", "plate_columns", "body", "hinges", "actuator"}
 """Members of `robot.mechanism` that hold kinematics, not names and nominal values."""
+STILL_UP = {
+    ("bench.jobs.demo_report", "bench.jobs.demo"),
+    ("pcalib.effects.user", "pcalib.effects"),
+    ("pcalib.mechanics", "pcalib.robot"),
+    ("pcalib.mechanics", "pcalib.kinds"),
+    ("pcalib.wording", "pcalib.model"),
+    ("pcalib.effects", "pcalib.model"),
+}
+"""Arrows that lead back up and wait for their mending: none may be added."""
 
 
 def imported(file: Path) -> set[str]:
@@ -63,3 +72,48 @@ def test_the_virtual_robot_asks_a_mechanism_for_names_and_values_only():
 def test_importing_the_core_loads_no_mujoco(module):
     code = f"import sys, {module}; sys.exit(any(m.split('.')[0] in ('mujoco', 'bench') for m in sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0
+
+
+def modules() -> dict[str, Path]:
+    """Every module of the project by its dotted name."""
+    files = [file for top in ("pcalib", "bench") for file in (ROOT / top).rglob("*.py")]
+    return {".".join(f.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): f for f in files}
+
+
+def room(module: str, files: dict[str, Path]) -> str:
+    """The folder of a module; a file right under pcalib/ or bench/ is a room of its own."""
+    folder = module.rpartition(".")[0]
+    return module if files[module].name == "__init__.py" or folder in ("", "pcalib", "bench") else folder
+
+
+def circles(arrows: dict[str, set[str]]) -> dict[str, list[str]]:
+    """The nodes from which a walk along the arrows comes back, each with its next steps on such walks."""
+
+    def reached(start: str) -> set[str]:
+        seen: set[str] = set()
+        while more := {end for node in (seen or {start}) for end in arrows.get(node, ())} - seen:
+            seen |= more
+        return seen
+
+    far = {node: reached(node) for node in arrows}
+    return {
+        node: sorted(end for end in ends if end == node or node in far.get(end, ()))
+        for node, ends in arrows.items()
+        if node in far[node]
+    }
+
+
+@pytest.mark.parametrize("by", ["file", "folder"])
+def test_arrows_lead_down_and_never_in_a_circle(by):
+    """Imports inside functions and for type checkers count too."""
+    files = modules()
+    arrows: dict[str, set[str]] = {}
+    for module, file in files.items():
+        source = module if by == "file" else room(module, files)
+        for name in imported(file):
+            while name and name not in files:
+                name = name.rpartition(".")[0]
+            target = name if by == "file" or not name else room(name, files)
+            if target and target != source and (source, target) not in STILL_UP:
+                arrows.setdefault(source, set()).add(target)
+    assert not circles(arrows)
