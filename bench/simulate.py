@@ -9,14 +9,16 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from bench import faults
+from bench import faults, pool
 from bench import truth as truths
 from bench.commands import Commands, Landing
+from bench.machine import Machine
 from bench.plan import Plan
 from bench.truth import Truth
 from pcalib import units
@@ -156,29 +158,23 @@ def _land(
             if advance:
                 advance(len(parts[-1]))
     else:
-        import joblib
-
-        text = truths.dumps(truth)
-        source = os.fspath(Path("sealed truth").absolute())
-        shared = joblib.Parallel(n_jobs=workers, return_as="generator")(
-            joblib.delayed(_piece)(text, source, commands.take(piece), miss[piece]) for piece in pieces
-        )
+        work = partial(_piece, truths.dumps(truth), os.fspath(Path("sealed truth").absolute()))
+        shared = ((commands.take(piece), miss[piece]) for piece in pieces)
         parts = []
-        for part in shared:
-            assert isinstance(part, Landing)
+        for part in pool.ordered(work, shared, workers):
             parts.append(part)
             if advance:
                 advance(len(part))
     return Landing(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "R", "tcp", "status")))
 
 
-_machines: dict[str, object] = {}
+_machines: dict[str, Machine] = {}
 
 
-def _piece(text: str, source: str, commands: Commands, miss: np.ndarray) -> Landing:
+def _piece(text: str, source: str, asked: tuple[Commands, np.ndarray]) -> Landing:
     """The work of one process; its robot is kept for the next piece."""
     if text not in _machines:
         _machines.clear()
         _machines[text] = truths.parse(text, source).machine()
     machine = _machines[text]
-    return machine.run(commands, miss)  # type: ignore[attr-defined]
+    return machine.run(*asked)

@@ -9,13 +9,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bench import pool
 from bench import truth as truths
 from bench.jobs.hidden import case as cases
 from bench.jobs.hidden import catalogue
@@ -77,7 +79,7 @@ def make(
     with files.atomic_folder(folder) as fresh:
         (fresh / SEALED).mkdir()
         files.write_text(fresh / "robot.toml", robot.text)
-        for index, blind in enumerate(_drawn(robot, n, seed, workers), 1):
+        for index, blind in enumerate(pool.ordered(partial(_draw, robot.text, seed), range(1, n + 1), workers), 1):
             name = f"{index:03d}"
             measurement.save(fresh / f"{name}.csv", blind.data)
             files.write_text(fresh / SEALED / f"{name}.truth.toml", blind.truth)
@@ -100,19 +102,8 @@ def _require_suited(robot: Robot) -> None:
             ) from None
 
 
-def _drawn(robot: Robot, n: int, seed: int, workers: int) -> Iterator[Blind]:
-    if workers == 1:
-        yield from (draw(robot, seed, index) for index in range(1, n + 1))
-        return
-    import joblib
-
-    jobs = (joblib.delayed(_draw)(robot.text, seed, index) for index in range(1, n + 1))
-    for blind in joblib.Parallel(n_jobs=workers, return_as="generator")(jobs):
-        assert isinstance(blind, Blind)
-        yield blind
-
-
 def _draw(text: str, seed: int, index: int) -> Blind:
+    """One data set, in whatever process."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):

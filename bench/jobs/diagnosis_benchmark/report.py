@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from bench import pool
 from bench.jobs.diagnosis_benchmark import cells as asked
 from bench.jobs.diagnosis_benchmark import figures, trial
 from bench.jobs.diagnosis_benchmark.cells import Cell
@@ -17,7 +19,6 @@ from bench.jobs.diagnosis_benchmark.trial import Trial
 from pcalib import robot as robots
 from pcalib.cli import frame
 from pcalib.errors import InputError
-from pcalib.robot import Robot
 
 ROOT = Path(__file__).resolve().parents[3]
 WORKERS = 2
@@ -49,7 +50,7 @@ def command(
         raise InputError(f"--part {' '.join(part)}: no such part", remedy="accepted: none, single, pair, outside, add")
     begun, found = time.monotonic(), []
     with frame.progress("diagnoses", sum(cell.trials for cell in todo)) as advance:
-        for cell, trials in zip(todo, _run(tried, seed, todo, workers), strict=True):
+        for cell, trials in zip(todo, pool.ordered(partial(_one, tried.text, seed), todo, workers), strict=True):
             found += trials
             advance(cell.trials)
     results = Results(tuple(found), seed, time.monotonic() - begun)
@@ -60,18 +61,6 @@ def command(
     frame.write_json(json, results.to_json())
     broken = [line for line in results.lines if line.verdict == "falls short"]
     return frame.NOT_HELD if broken and not quick else frame.OK
-
-
-def _run(robot: Robot, seed: int, todo: Sequence[Cell], workers: int) -> Iterator[list[Trial]]:
-    if workers == 1:
-        yield from (trial.run(robot, seed, cell) for cell in todo)
-        return
-    import joblib
-
-    jobs = (joblib.delayed(_one)(robot.text, seed, cell) for cell in todo)
-    for trials in joblib.Parallel(n_jobs=workers, return_as="generator")(jobs):
-        assert isinstance(trials, list)
-        yield trials
 
 
 def _one(text: str, seed: int, cell: Cell) -> list[Trial]:
