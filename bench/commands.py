@@ -19,6 +19,7 @@ class Row:
     """One command and the state of the world in which it is carried out."""
 
     index: int
+    """Its number in the plan, from 0."""
     q: np.ndarray
     """(nq,) commanded actuator values, what the encoders read [rad or m]."""
     tool: np.ndarray
@@ -52,6 +53,12 @@ class Commands:
     payload: np.ndarray
     """(N,) [kg]."""
     columns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    index: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    """(N,) numbers of the rows in the plan; 0, 1, … where they are not given."""
+
+    def __post_init__(self) -> None:
+        if len(self.index) != len(self.q):
+            object.__setattr__(self, "index", np.arange(len(self.q)))
 
     @classmethod
     def of(
@@ -77,13 +84,14 @@ class Commands:
     def __iter__(self) -> Iterator[Row]:
         for n in range(len(self)):
             yield Row(
-                n, self.q[n], self.tool[n], float(self.payload[n]), {c: float(v[n]) for c, v in self.columns.items()}
-            )
+                int(self.index[n]), self.q[n], self.tool[n], float(self.payload[n]),
+                {c: float(v[n]) for c, v in self.columns.items()},
+            )  # fmt: skip
 
     def take(self, rows: np.ndarray | slice) -> Commands:
         """Some of the rows."""
         columns = {name: values[rows] for name, values in self.columns.items()}
-        return Commands(self.q[rows], self.tool[rows], self.payload[rows], columns)
+        return Commands(self.q[rows], self.tool[rows], self.payload[rows], columns, self.index[rows])
 
     def need(self, columns: tuple[str, ...], who: str) -> None:
         """Assert that columns are there and hold numbers.

@@ -1,11 +1,13 @@
 """What an instrument makes of the poses that the robot takes.
 
-One instrument has all properties, most of them zero: noise that may grow with distance, a frame of its own, resolution,
-rows and components that go missing, gross outliers. Its drift and its scale are faults. Kinds differ in what they see:
+One instrument has all properties, most of them zero: noise of some sort (`bench.noises`), a frame of its own,
+resolution, rows and components that go missing, gross outliers. Its drift and its scale are faults. Kinds differ in
+what they see:
 
     pose       position and rotation (a 6-D laser tracker, a camera on a target)
     position   position only (a laser tracker on one reflector)
-    probe      z only (a touch probe, a bed contact)
+    probe      z only (a touch probe)
+    contact    z only, by commands that are lowered until the tool touches a level bed (`bench.contact`)
 
 Order: true pose → frame of the instrument (tracker) → faults of it → noise, outliers → resolution → missing.
 Every row draws from a generator of its own, so that neither the order nor the number of workers matters.
@@ -19,22 +21,23 @@ from typing import Any
 
 import numpy as np
 
-from bench import settings
+from bench import noises, settings
+from bench.noises import STREAM, Scene
 from bench.settings import Setting
 from pcalib import rotation
 
-STREAM = 0x1257
-"""Keeps the draws of the instrument apart from all others of one seed."""
 PER_HOUR = 1 / 3600.0
 MEASURED = {
     "pose": (True,) * 6,
     "position": (True, True, True, False, False, False),
     "probe": (False, False, True, False, False, False),
+    "contact": (False, False, True, False, False, False),
 }
 """Which of x, y, z, rx, ry, rz each kind sees."""
 
 SETTINGS = (
     Setting("kind", "word", "pose", words=tuple(MEASURED), about="what it sees"),
+    Setting("noise", "word", "white", words=tuple(noises.names()), about="how its readings err"),
     Setting("sigma_pos", "length", 0.0, 0.0, 0.1, about="1σ per component of position"),
     Setting("sigma_rot", "angle", 0.0, 0.0, 0.2, about="1σ per component of rotation"),
     Setting("sigma_distance", "ratio", 0.0, 0.0, 1e-2, about="further 1σ per distance from the instrument"),
@@ -50,7 +53,10 @@ SETTINGS = (
     Setting("missing_rows", "number", 0.0, 0.0, 1.0, about="share of rows that are lost"),
     Setting("missing_rotations", "number", 0.0, 0.0, 1.0, about="share of rows without rotation"),
     Setting("missing_components", "number", 0.0, 0.0, 1.0, about="share of x, y, z that are blank"),
-    Setting("state_sigma", "flag", True, about="whether the data file tells the noise"),
+    Setting("bed", "length", -0.8, about="height of the bed that a contact touches, base frame"),
+    Setting("state_sigma", "flag", True, about="whether the data file tells σ"),
+    Setting("state_covariance", "flag", False, about="whether it tells what the covariance follows from"),
+    *noises.all_settings(),
 )
 
 
@@ -66,6 +72,10 @@ class Reading:
     """(N,) [m] 1σ per component, as the instrument's maker states it."""
     sigma_rot: np.ndarray
     """(N,) [rad]."""
+    covariance: np.ndarray
+    """(N, 6, 6) [m, rad] of the noise of each row, as it is."""
+    metadata: dict[str, str]
+    """Keys of a data file from which the covariance follows; empty where σ says everything."""
     lost: np.ndarray
     """(N,) bool, rows that never made it into the file."""
     outlier: np.ndarray
@@ -110,12 +120,16 @@ class Instrument:
             return np.zeros_like(q)
         return sigma * np.stack([_generator(seed, 2 * int(r) + 1).standard_normal(q.shape[1]) for r in rows])
 
-    def read(self, tcp: np.ndarray, R: np.ndarray, seed: int, rows: np.ndarray) -> Reading:
+    def read(
+        self, tcp: np.ndarray, R: np.ndarray, seed: int, rows: np.ndarray, tool: np.ndarray | float = 0.0
+    ) -> Reading:
         """Measure N poses.
 
         Args:
             tcp: (N, 3) [m] and R (N, 3, 3) in the instrument's frame.
-            rows: (N,) numbers of the rows in the plan: what each row draws depends on seed and number alone.
+            rows: (N,) numbers of the rows in the plan: what each row draws depends on seed and number alone, and where
+                noise is correlated in time on the rows before it.
+            tool: (N, 3) [m] the measured points in the plate frame.
         """
         v, n = self.values, len(tcp)
         draws = np.empty((n, 16))
@@ -123,24 +137,26 @@ class Instrument:
             generator = _generator(seed, 2 * int(row))
             draws[i, :9], draws[i, 9:] = generator.standard_normal(9), generator.random(7)
 
-        distance = np.linalg.norm(tcp if v["frame"] == "tracker" else tcp - v["position"], axis=1)
-
-        sigma_pos = np.hypot(v["sigma_pos"], v["sigma_distance"] * distance)
-        sigma_rot = np.full(n, float(v["sigma_rot"]))
+        station = np.zeros(3) if v["frame"] == "tracker" else np.asarray(v["position"], float)
+        scene = Scene(tcp, R, np.broadcast_to(tool, (n, 3)), station, rows, draws[:, :6], seed)
+        noise = noises.get(v["noise"])(v)
+        error = noise.errors(scene)
         outlier = draws[:, 9] < v["outliers"]
-        position = tcp + sigma_pos[:, None] * draws[:, 0:3] + (outlier * v["outlier_size"])[:, None] * draws[:, 6:9]
+        position = tcp + error[:, :3] + (outlier * v["outlier_size"])[:, None] * draws[:, 6:9]
         position = _rounded(position, v["resolution_pos"])
-        R = rotation.exp(sigma_rot[:, None] * draws[:, 3:6]) @ R if v["sigma_rot"] else R.copy()
+        R = rotation.exp(error[:, 3:]) @ R if error[:, 3:].any() else R.copy()
         if v["resolution_rot"]:
             R = rotation.exp(_rounded(rotation.log(R), v["resolution_rot"]))
 
         position = np.where(draws[:, 12:15] < v["missing_components"], np.nan, position)
         R[draws[:, 11] < v["missing_rotations"]] = np.nan
-        if v["kind"] != "pose":
+        sees = np.array(MEASURED[v["kind"]])
+        position[:, ~sees[:3]] = np.nan
+        if not sees[3]:
             R = np.full_like(R, np.nan)
-        if v["kind"] == "probe":
-            position[:, :2] = np.nan
-        return Reading(position, R, sigma_pos, sigma_rot, draws[:, 10] < v["missing_rows"], outlier)
+        metadata = noise.metadata(scene) if v["state_covariance"] else {}
+        lost = draws[:, 10] < v["missing_rows"]
+        return Reading(position, R, *noise.stated(scene), noise.covariance(scene), metadata, lost, outlier)
 
 
 def _generator(seed: int, stream: int) -> np.random.Generator:

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from bench import faults, pool
+from bench import contact, faults, pool
 from bench import truth as truths
 from bench.commands import Commands, Landing
 from bench.machine import Machine
@@ -53,6 +53,10 @@ class DataSet:
     """Rows that the instrument lost, or saw nothing of."""
     outlier: np.ndarray
     """Rows that are grossly wrong, and in the measurements."""
+    covariance: np.ndarray
+    """(N, 6, 6) [m, rad] of the noise of the measured rows, as it is."""
+    metadata: dict[str, str]
+    """Further keys of the data file, from which the covariance follows."""
 
 
 def run(
@@ -84,6 +88,8 @@ def run(
     if "time" in columns and columns["time"][0] > DATED:
         columns["time"] = columns["time"] - columns["time"][0]
     asked = Commands(commands.q, commands.tool, commands.payload, columns)
+    if instrument.values["kind"] == "contact":
+        asked = contact.lowered(truth, asked, seed)
     miss = instrument.joint_noise(asked.q, robot.mechanism.actuator_dimension, seed, rows)
     landing = _land(truth, asked, miss, workers, advance) if machine is None else machine.run(asked, miss)
     _judge(truth, landing)
@@ -91,7 +97,9 @@ def run(
     position, R = instrument.frame(landing.tcp, landing.R)
     for fault in present:
         position, R = fault.seen(position, R, asked)
-    reading = instrument.read(position, R, seed, rows)
+    reading = instrument.read(position, R, seed, rows, asked.tool)
+    if instrument.values["kind"] == "contact":
+        reading.position[:, 2] = instrument.values["bed"]
     seen = ~(np.isnan(reading.position).all(axis=1) & np.isnan(reading.rotation).all(axis=(1, 2)))
     kept = np.flatnonzero(landing.ok & seen & ~reading.lost)
     if not len(kept):
@@ -102,7 +110,7 @@ def run(
 
     measurements = Measurements.create(
         robot,
-        commands.q[kept],
+        asked.q[kept],
         reading.position[kept],
         reading.rotation[kept],
         tool=commands.tool[kept],
@@ -115,9 +123,9 @@ def run(
         frame=instrument.values["frame"],
         source="simulation",
     )
-    return DataSet(
-        measurements, landing, kept, np.flatnonzero(landing.ok & ~(seen & ~reading.lost)), kept[reading.outlier[kept]]
-    )
+    lost = np.flatnonzero(landing.ok & ~(seen & ~reading.lost))
+    outlier = kept[reading.outlier[kept]]
+    return DataSet(measurements, landing, kept, lost, outlier, reading.covariance[kept], reading.metadata)
 
 
 def truth_path(data: Path) -> Path:

@@ -14,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench import faults, simulate
+from bench import plan as plans
 from bench import truth as truths
 from bench.commands import Commands
 from bench.instrument import Instrument
@@ -463,6 +464,46 @@ def test_tracker_scale_and_drift_in_the_trackers_own_frame():
 # -- all of them -------------------------------------------------------------------------------------------------
 
 
+# -- faults with a date, and steps of an encoder -------------------------------------------------------------------
+
+COMMANDED = np.random.default_rng(11).uniform(-0.85, 0.3, (20, 3))
+
+
+@estimates("motor_slip")
+def test_a_motor_slips_once():
+    slip = faults.make(ROBOT, "motor_slip", {"slip_urad": [0, 300, 0], "row": 13})
+    moved = COMMANDED + 3e-4 * np.array([0, 1, 0]) * (np.arange(20) >= 12)[:, None]
+    landed = Machine(ROBOT, None, [slip]).land(COMMANDED).tcp
+    assert np.allclose(landed, Machine(ROBOT).land(moved).tcp, atol=1e-12)
+
+
+@estimates("tracker_bump")
+def test_a_bumped_tracker_sees_everything_elsewhere_from_then_on():
+    bump = faults.make(ROBOT, "tracker_bump", {"shift_um": [50, 0, 0], "turn_urad": [0, 0, 100], "row": 13})
+    truth = truths.Truth(ROBOT, np.zeros(60), Instrument(), (bump,))
+    plan = Plan(Commands.of(COMMANDED), np.full(20, -1), np.zeros(20, bool), "test")
+    seen = simulate.run(truth, plan).measurements.position
+    there = Machine(ROBOT).land(COMMANDED).tcp
+    after = (there - [5e-5, 0, 0]) @ turned(np.array([0, 0, 1e-4]))
+    assert np.allclose(seen[:12], there[:12], atol=1e-15) and np.allclose(seen[12:], after[12:], atol=1e-12)
+
+
+def test_dated_faults_know_their_row_whoever_does_the_work():
+    slip = faults.make(ROBOT, "motor_slip", {"slip_urad": 300, "row": 100})
+    truth = truths.Truth(ROBOT, np.zeros(60), Instrument(), (slip,))
+    plan = plans.make(ROBOT, "random", 140, seed=1)
+    one, two = (simulate.run(truth, plan, workers=w).measurements.position for w in (1, 2))
+    there = Machine(ROBOT).land(plan.commands.q).tcp
+    assert np.array_equal(one, two) and np.flatnonzero(np.abs(one - there).max(axis=1) > 1e-9)[0] == 99
+
+
+@estimates("encoder_steps")
+def test_an_encoder_of_few_bits_stops_at_its_steps():
+    steps = faults.make(ROBOT, "encoder_steps", {"step_urad": 192})
+    landed = Machine(ROBOT, None, [steps]).land(COMMANDED).tcp
+    assert np.allclose(landed, Machine(ROBOT).land(np.round(COMMANDED / 192e-6) * 192e-6).tcp, atol=1e-12)
+
+
 def test_every_fault_is_estimated_here():
     assert set(faults.names()) == ESTIMATED
 
@@ -475,6 +516,8 @@ def test_at_zero_the_rigid_robot(name):
     none = typical(name, 1e-10)
     assert not none.absent and np.abs(measured(none).position - measured().position).max() <= 1e-12
     # And on the way there in proportion: a thousandth of the size moves the TCP a thousandth as far.
+    if name == "encoder_steps":  # rounding is bounded by half a step, and in no proportion to it
+        return
     partner = () if name not in ("hose", "gravity_tilt") else (typical("drive_compliance"),)
     rest = measured(*partner).position
     full, small = (measured(typical(name, s), *partner).position - rest for s in (1.0, 1e-3))

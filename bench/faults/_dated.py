@@ -1,0 +1,7 @@
+"""What happens once, between two rows of a session, and stays."""
+
+from __future__ import annotations
+
+from bench.settings import Setting
+
+ROW = Setting("row", "whole", 1, 1.0, about="the first row after it, counted from 1 in the order of the plan")

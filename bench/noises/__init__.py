@@ -1,0 +1,113 @@
+"""Noise of instruments: one file each, which says how readings err and what the instrument's maker states of it.
+
+A file of this folder that defines ``NOISE``, a subclass of :class:`Noise`, is a noise; its name is the file's, and
+``[instrument] noise = "NAME"`` in a truth file chooses it. Files that start with `_` are none.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bench.settings import Setting
+from pcalib.errors import InputError, unknown
+
+STREAM = 0x1257
+"""Keeps the draws of the instrument apart from all others of one seed."""
+EXTRA = 2
+"""Stream of what a noise draws beyond six numbers a row; those six and the joints have streams of one number."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What the instrument looks at: N rows, in its own axes and from its own place where `frame` is 'tracker'."""
+
+    position: np.ndarray
+    """(N, 3) [m] measured points, measuring frame."""
+    R: np.ndarray
+    """(N, 3, 3) orientation of the plate, measuring frame."""
+    tool: np.ndarray
+    """(N, 3) [m] measured points, plate frame."""
+    station: np.ndarray
+    """(3,) [m] where the instrument stands, measuring frame."""
+    rows: np.ndarray
+    """(N,) numbers of the rows in the plan, which is the order in which they are measured."""
+    normals: np.ndarray
+    """(N, 6) standard normal numbers, one row's independent of the others'."""
+    seed: int
+
+    @property
+    def distance(self) -> np.ndarray:
+        """(N,) [m] from the instrument to the measured points."""
+        return np.linalg.norm(self.position - self.station, axis=1)
+
+    def more(self, count: int, rows: np.ndarray | None = None) -> np.ndarray:
+        """(N, count) further standard normal numbers of the given rows, those of the scene where absent."""
+        wanted = (self.rows if rows is None else rows).tolist()
+        return np.stack([generator(self.seed, EXTRA, row).standard_normal(count) for row in wanted])
+
+
+class Noise:
+    """Base of all noises: settings, errors of the readings, and their covariance."""
+
+    SETTINGS: ClassVar[tuple[Setting, ...]] = ()
+    """Its own numbers, beside those that every instrument has."""
+
+    def __init__(self, values: Mapping[str, Any]):
+        self.values = values
+
+    def errors(self, scene: Scene) -> np.ndarray:
+        """(N, 6) [m, rad] errors of position and of rotation (left-multiplied rotation vector), measuring frame."""
+        raise NotImplementedError
+
+    def covariance(self, scene: Scene) -> np.ndarray:
+        """(N, 6, 6) covariance of one row's errors, whatever they share with other rows."""
+        raise NotImplementedError
+
+    def stated(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) [m] and (N,) [rad] 1σ per component as the maker states it: one number each, the mean of all rows and
+        directions."""
+        variance = np.mean(np.diagonal(self.covariance(scene), axis1=1, axis2=2), axis=0)
+        n = len(scene.rows)
+        return np.full(n, np.sqrt(variance[:3].mean())), np.full(n, np.sqrt(variance[3:].mean()))
+
+    def metadata(self, scene: Scene) -> dict[str, str]:
+        """Keys and values of a data file from which the covariance follows; none where σ says everything."""
+        return {}
+
+
+def generator(seed: int, stream: int, row: int) -> np.random.Generator:
+    """The random numbers of one row: they depend on seed, stream and row alone."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(STREAM, stream, row))))
+
+
+def isotropic(sigma_pos: np.ndarray, sigma_rot: np.ndarray) -> np.ndarray:
+    """(N, 6, 6) covariance of independent components with 1σ (N,) [m] and (N,) [rad]."""
+    return np.stack([*[sigma_pos**2] * 3, *[sigma_rot**2] * 3], axis=1)[:, :, None] * np.eye(6)
+
+
+def names() -> list[str]:
+    """The noises that exist, by file name."""
+    return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
+
+
+def get(name: str) -> type[Noise]:
+    """The noise of that name.
+
+    Raises:
+        InputError: no such noise.
+    """
+    if name not in names():
+        raise InputError(unknown("noise", name, names()), column="noise")
+    return importlib.import_module(f"{__name__}.{name}").NOISE
+
+
+def all_settings() -> tuple[Setting, ...]:
+    """The settings of all noises; a setting that two of them share is listed once."""
+    found = {setting.name: setting for name in names() for setting in get(name).SETTINGS}
+    return tuple(found.values())

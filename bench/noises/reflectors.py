@@ -1,0 +1,65 @@
+"""Three reflectors on the plate, measured one by one: the pose is their rigid fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.noises import Noise, Scene
+from bench.settings import Setting
+from pcalib import rotation
+
+
+class Reflectors(Noise):
+    """Every reflector errs by `sigma_reflector` per component; a rigid fit gives the pose, which is read at the tool.
+
+    The errors of position and rotation are correlated: the further the tool point from the reflectors' centre, the
+    more a turn of the fitted plate moves it.
+    """
+
+    SETTINGS = (
+        Setting("sigma_reflector", "length", 15e-6, 0.0, 0.1, about="1σ per component of each reflector"),
+        Setting("reflector_radius", "length", 0.08, 1e-3, 10.0, about="of the circle of three reflectors"),
+        Setting("reflector_centre", "length", np.zeros(3), per="axis", about="of that circle, plate frame"),
+    )
+
+    @property
+    def places(self) -> np.ndarray:
+        """(3, 3) [m] the reflectors in the plate frame, one a row."""
+        way = np.radians([90.0, 210.0, 330.0])
+        circle = np.stack([np.cos(way), np.sin(way), np.zeros(3)], axis=1)
+        return self.values["reflector_centre"] + self.values["reflector_radius"] * circle
+
+    def errors(self, scene: Scene) -> np.ndarray:
+        places = self.places
+        centre = scene.position + (scene.R @ (places.mean(axis=0) - scene.tool)[:, :, None])[:, :, 0]
+        true = (scene.R @ (places - places.mean(axis=0)).T).swapaxes(1, 2)  # (N, reflector, 3) about their centre
+        noise = self.values["sigma_reflector"] * scene.more(9).reshape(-1, 3, 3)
+        seen = true + noise
+        shift = seen.mean(axis=1)
+        # Kabsch: the turn that takes the true places to the seen ones.
+        U, _, Vt = np.linalg.svd(np.swapaxes(true, 1, 2) @ (seen - shift[:, None]))
+        V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
+        sign = np.ones((len(U), 3))
+        sign[:, 2] = np.sign(np.linalg.det(V @ Ut))
+        turn = (V * sign[:, None]) @ Ut
+        arm = scene.position - centre
+        moved = shift + (turn @ arm[:, :, None])[:, :, 0] - arm
+        return np.hstack([moved, rotation.log(turn)])
+
+    def covariance(self, scene: Scene) -> np.ndarray:
+        arms = (scene.R[:, None] @ (self.places - scene.tool[:, None])[..., None])[..., 0]
+        # A reflector at arm a from the tool point moves by δx + δφ × a.
+        cross = np.zeros((*arms.shape, 3))
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            cross[..., i, j], cross[..., j, i] = arms[..., k], -arms[..., k]
+        J = np.concatenate([np.broadcast_to(np.eye(3), cross.shape), cross], axis=-1).reshape(len(arms), 9, 6)
+        _, R = np.linalg.qr(J)
+        root = np.linalg.solve(R, np.broadcast_to(np.eye(6), R.shape))
+        return self.values["sigma_reflector"] ** 2 * root @ np.swapaxes(root, 1, 2)
+
+    def metadata(self, scene: Scene) -> dict[str, str]:
+        places = "; ".join(" ".join(f"{x:.9g}" for x in place) for place in self.places * 1e3)
+        return {"sigma_reflector_um": f"{self.values['sigma_reflector'] * 1e6:.9g}", "reflectors_mm": places}
+
+
+NOISE = Reflectors
