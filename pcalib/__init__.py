@@ -5,7 +5,8 @@
     fit = pcalib.fit(data, robot, "complete")
     commands = pcalib.compensate(fit.model, targets, tool=[0, 0, -0.3])
 
-The names below are the public interface; everything else may change. They are imported when first used.
+The names below are the public interface; everything else may change. Each is imported when it is
+first used. docs/python.md shows the whole loop.
 """
 
 from __future__ import annotations
@@ -21,6 +22,15 @@ if TYPE_CHECKING:
     from pcalib.data.measurement import Measurements as Measurements
     from pcalib.data.measurement import load as load_measurements
     from pcalib.data.measurement import save as save_measurements
+    from pcalib.diagnosis.compare import compare as compare
+    from pcalib.diagnosis.diagnose import diagnose as diagnose
+    from pcalib.diagnosis.evidence import evidence as explain
+    from pcalib.diagnosis.steps import add as add
+    from pcalib.diagnosis.steps import drop as drop
+    from pcalib.effects.base import Contribution as Contribution
+    from pcalib.effects.base import Effect as Effect
+    from pcalib.effects.base import EffectParameter as EffectParameter
+    from pcalib.effects.base import Situation as Situation
     from pcalib.errors import PcalibError as PcalibError
     from pcalib.fitting.identification import Fit as Fit
     from pcalib.fitting.identification import fit as fit
@@ -34,48 +44,45 @@ if TYPE_CHECKING:
     from pcalib.robot import load as load_robot
 
 _PUBLIC = {
-    "Commands": ("compensation", "Commands"),
-    "Conditions": ("prediction", "Conditions"),
-    "Fit": ("fitting.identification", "Fit"),
-    "Measurements": ("data.measurement", "Measurements"),
-    "Model": ("model", "Model"),
-    "PcalibError": ("errors", "PcalibError"),
-    "Robot": ("robot", "Robot"),
-    "compensate": ("compensation", "compensate"),
-    "fit": ("fitting.identification", "fit"),
-    "load_measurements": ("data.measurement", "load"),
-    "load_model": ("modelfile", "load"),
-    "load_robot": ("robot", "load"),
-    "plan": ("planning", "plan"),
-    "predict": ("prediction", "predict"),
-    "save_measurements": ("data.measurement", "save"),
-    "save_model": ("modelfile", "save"),
+    "Commands": "compensation.Commands",
+    "Conditions": "prediction.Conditions",
+    "Contribution": "effects.base.Contribution",
+    "Effect": "effects.base.Effect",
+    "EffectParameter": "effects.base.EffectParameter",
+    "Fit": "fitting.identification.Fit",
+    "Measurements": "data.measurement.Measurements",
+    "Model": "model.Model",
+    "PcalibError": "errors.PcalibError",
+    "Robot": "robot.Robot",
+    "Situation": "effects.base.Situation",
+    "add": "diagnosis.steps.add",
+    "compare": "diagnosis.compare.compare",
+    "compensate": "compensation.compensate",
+    "diagnose": "diagnosis.diagnose.diagnose",
+    "drop": "diagnosis.steps.drop",
+    "explain": "diagnosis.evidence.evidence",
+    "fit": "fitting.identification.fit",
+    "load_measurements": "data.measurement.load",
+    "load_model": "modelfile.load",
+    "load_robot": "robot.load",
+    "plan": "planning.plan",
+    "predict": "prediction.predict",
+    "save_measurements": "data.measurement.save",
+    "save_model": "modelfile.save",
 }
+"""Public names, and where they are defined."""
 __all__ = [
-    "Commands",
-    "Conditions",
-    "Fit",
-    "Measurements",
-    "Model",
-    "PcalibError",
-    "Robot",
-    "__version__",
-    "compensate",
-    "fit",
-    "load_measurements",
-    "load_model",
-    "load_robot",
-    "plan",
-    "predict",
-    "save_measurements",
+    "Commands", "Conditions", "Contribution", "Effect", "EffectParameter", "Fit", "Measurements", "Model",
+    "PcalibError", "Robot", "Situation", "__version__", "add", "compare", "compensate", "diagnose", "drop",
+    "explain", "fit", "load_measurements", "load_model", "load_robot", "plan", "predict", "save_measurements",
     "save_model",
-]
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module 'pcalib' has no attribute '{name}'; public names: {', '.join(sorted(_PUBLIC))}")
-    module, attribute = _PUBLIC[name]
+    module, _, attribute = _PUBLIC[name].rpartition(".")
     return getattr(importlib.import_module(f"pcalib.{module}"), attribute)
 
 

@@ -117,3 +117,12 @@ def test_arrows_lead_down_and_never_in_a_circle(by):
             if target and target != source and (source, target) not in STILL_UP:
                 arrows.setdefault(source, set()).add(target)
     assert not circles(arrows)
+
+
+def test_public_names_are_there():
+    import pcalib
+
+    assert {*pcalib._PUBLIC, "__version__"} == set(dir(pcalib))
+    assert all(getattr(pcalib, name) is not None for name in dir(pcalib))
+    with pytest.raises(AttributeError, match=r"public names: .*load_robot"):
+        pcalib.calibrate  # noqa: B018
