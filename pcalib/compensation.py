@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -91,7 +91,7 @@ def exact(
             np.nan_to_num(found.q), Pose(np.nan_to_num(found.pose.x), found.pose.R, found.pose.phi),
             found.status, found.iterations, found.residual,
         )  # fmt: skip
-        at = prediction.situation(model, usable.q, usable.pose, conditions, total.deviation)
+        at = model.situation(usable.q, usable.pose, conditions, total.deviation)
         total = prediction.contributions(model, at, found.ok)
         tool = conditions.tool + (0.0 if total.tool is None else total.tool)
         goal, turn = position, rotation_matrix
@@ -151,7 +151,7 @@ def _first_order_chunk(
     if model.effects:
         usable = np.asarray(np.isfinite(q).all(axis=1))
         df = np.where(usable[:, None], df, np.nan)
-        there = prediction.situation(replace(model, k=nominal), np.nan_to_num(q), pose, conditions, kinematics.RIGID)
+        there = model.with_geometry(nominal).situation(np.nan_to_num(q), pose, conditions)
         total = prediction.contributions(model, there, usable)
         df = df + prediction.closure_change(mechanism, at, pose, total)
         extra = prediction.outer_twist(pose, conditions.tool, total)

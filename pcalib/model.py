@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from pcalib.effects.base import Effect
+from pcalib.effects.base import Effect, Situation
+from pcalib.mechanics.kinematics import RIGID, Deviation
+from pcalib.mechanics.mechanism import Pose
 from pcalib.robot import Robot
 
 
@@ -35,6 +37,27 @@ class Frame:
     """(3,) [m], base origin in the measuring frame."""
     offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """(3,) [m], plate frame: the target's place beyond the stated tool point."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Under what the robot stands at each of N poses, beside its command."""
+
+    tool: np.ndarray
+    """(N, 3) [m] TCP in the plate frame."""
+    payload: np.ndarray
+    """(N,) [kg]."""
+    columns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """(N,) each, SI, by quantity."""
+
+    @classmethod
+    def of(cls, n: int, tool: np.ndarray | Sequence[float] | float = 0.0) -> Conditions:
+        """N unloaded poses with one tool."""
+        return cls(np.broadcast_to(np.asarray(tool, float), (n, 3)), np.zeros(n))
+
+    def take(self, rows: np.ndarray | slice) -> Conditions:
+        """Some rows."""
+        return Conditions(self.tool[rows], self.payload[rows], {c: v[rows] for c, v in self.columns.items()})
 
 
 METHODS = ("map", "base", "linear")
@@ -87,6 +110,18 @@ class Model:
     def with_geometry(self, k: np.ndarray) -> Model:
         """The same model at other geometric parameters."""
         return replace(self, k=np.asarray(k, float))
+
+    def situation(self, q: np.ndarray, pose: Pose, conditions: Conditions, deviation: Deviation = RIGID) -> Situation:
+        """What effects see at plate poses that close the loops with commands q (N, nq) and deviations."""
+        columns, position = conditions.columns, None
+        if self.time_origin and "time" in columns:  # a clock may read seconds of the day, or since 1970
+            columns = {**columns, "time": columns["time"] - self.time_origin}
+        if self.frame is not None:
+            position = pose.tcp(conditions.tool + self.frame.offset) @ self.frame.rotation.T + self.frame.translation
+        return Situation.at(
+            self.robot, self.k, q, pose, conditions.tool, conditions.payload, columns, deviation=deviation,
+            position=position, partners=[(f.effect, f.theta) for f in self.effects],
+        )  # fmt: skip
 
     @property
     def errors(self) -> np.ndarray:

@@ -208,7 +208,7 @@ def _options_from(whole: Mapping[str, Any], level: Level) -> FitOptions:
 
 
 def _effect_table(fitted: FittedEffect) -> dict[str, Any]:
-    out: dict[str, Any] = {"spec": fitted.spec or getattr(fitted.effect, "spec", fitted.effect.name)}
+    out: dict[str, Any] = {"spec": fitted.spec or fitted.effect.spec}
     for i, p in enumerate(fitted.effect.parameters):
         factor = units.UNITS[p.unit].factor if p.unit in units.UNITS else 1.0
         out[f"{p.name}_{p.unit}"] = float(fitted.theta[i] / factor)

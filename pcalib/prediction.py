@@ -6,38 +6,18 @@ pose (loads) and move it, so the pose is a fixed point; the loads' own change is
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from pcalib import rotation
 from pcalib.effects.base import Contribution, Situation
-from pcalib.mechanics import kinematics, statics
+from pcalib.mechanics import kinematics
 from pcalib.mechanics.kinematics import Closure, Deviation
 from pcalib.mechanics.mechanism import Mechanism, Pose
+from pcalib.model import Conditions as Conditions
 from pcalib.model import Frame, Model
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """Under what the robot stands at each of N poses, beside its command."""
-
-    tool: np.ndarray
-    """(N, 3) [m] TCP in the plate frame."""
-    payload: np.ndarray
-    """(N,) [kg]."""
-    columns: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(N,) each, SI, by quantity."""
-
-    @classmethod
-    def of(cls, n: int, tool: np.ndarray | Sequence[float] | float = 0.0) -> Conditions:
-        """N unloaded poses with one tool."""
-        return cls(np.broadcast_to(np.asarray(tool, float), (n, 3)), np.zeros(n))
-
-    def take(self, rows: np.ndarray | slice) -> Conditions:
-        """Some rows."""
-        return Conditions(self.tool[rows], self.payload[rows], {c: v[rows] for c, v in self.columns.items()})
 
 
 @dataclass(frozen=True)
@@ -83,27 +63,6 @@ ROUNDS = 20
 the load pushes shut from either side, and a rod that hangs between."""
 
 
-def situation(model: Model, q: np.ndarray, pose: Pose, conditions: Conditions, deviation: Deviation) -> Situation:
-    """What effects see at given poses: rod directions, levers and the loads of pcalib's own statics."""
-    mechanism = model.robot.mechanism
-    at = kinematics.closure(mechanism, model.k, q, pose, deviation=deviation)
-    loads = statics.loads(model.robot, model.k, q, pose, conditions.tool, conditions.payload, at)
-    measured = None
-    if model.frame is not None:
-        point = pose.tcp(conditions.tool + model.frame.offset)
-        measured = point @ model.frame.rotation.T + model.frame.translation
-    return Situation(
-        robot=model.robot, q=q, pose=pose, rods=at.n, arms=at.side.dA, tension=loads.tension, torque=loads.torque,
-        tool=conditions.tool, payload=conditions.payload, columns=_since(model.time_origin, conditions.columns),
-        k=model.k, position=measured, partners=tuple((f.effect, f.theta) for f in model.effects),
-    )  # fmt: skip
-
-
-def _since(origin: float | None, columns: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-    """The columns with time counted from an origin: a clock may read seconds of the day, or since 1970."""
-    return columns if not origin or "time" not in columns else {**columns, "time": columns["time"] - origin}
-
-
 def contributions(model: Model, at: Situation, solved: np.ndarray | None = None) -> Contribution:
     """The sum of all effects of a model.
 
@@ -130,7 +89,7 @@ def settle(
     total, at, moved = Contribution(), None, np.zeros(len(q))
     for _ in range(rounds):
         before = solution
-        at = situation(model, q, before.pose, conditions, total.deviation)
+        at = model.situation(q, before.pose, conditions, total.deviation)
         total = contributions(model, at, before.ok)
         solution = kinematics.forward(mechanism, model.k, q, before.pose, total.deviation)
         moved = _change(before.pose, solution.pose)
@@ -277,15 +236,12 @@ def frame_columns(model: Model, p: Prediction, offset: bool = True) -> np.ndarra
 
 def unit_contributions(model: Model, at: Situation) -> list[Contribution]:
     """∂(sum of all contributions)/∂θ_j, one Contribution per parameter of the model's effects, one after another."""
-    from pcalib.effects import basis
-
     out = []
     for fitted in model.effects:
-        parts = basis(fitted.effect, at, fitted.theta)
-        for other in model.effects:  # one that goes by its partners, as gravity_tilt does, answers to their numbers too
-            through = getattr(other.effect, "through", None)
-            if through is not None and other is not fitted:
-                more = through(at, other.theta, fitted.effect, fitted.theta)
+        parts = fitted.effect.basis(at, fitted.theta)
+        for other in model.effects:
+            if other.effect.indirect and other is not fitted:
+                more = other.effect.through(at, other.theta, fitted.effect, fitted.theta)
                 parts = [a + b for a, b in zip(parts, more, strict=True)]
         out += parts
     return out

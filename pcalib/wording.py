@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-
-from pcalib import units
-
-if TYPE_CHECKING:
-    from pcalib.model import FittedEffect
 
 PARAMETER = {"m": ("mm", 1e3, 3), "rad": ("°", 180 / np.pi, 4), "1": ("", 1.0, 6)}
 """Unit, factor from SI and decimals in which a geometric parameter of unit 'm', 'rad' or '1' is shown."""
@@ -81,18 +74,3 @@ def clipped(text: str, most: int) -> str:
         return text
     end = max(text.rfind(mark, 0, most - 1) for mark in (", ", "; "))
     return f"{text[: end + 1]} …" if end > 0 else short(text, most)
-
-
-def effect(fitted: FittedEffect) -> str:
-    """An effect and its fitted values, in its own words where it has some."""
-    describe = getattr(fitted.effect, "describe", None)
-    if describe is not None:
-        return str(describe(fitted.theta))
-    values = []
-    for i, p in enumerate(fitted.effect.parameters):
-        factor = units.factor(p.unit)
-        text = f"{p.name} = {figure(fitted.theta[i] / factor, 4)}"
-        if fitted.sigma is not None and np.isfinite(fitted.sigma[i]):
-            text += f" ± {figure(fitted.sigma[i] / factor, 2)}"
-        values.append(f"{text} {units.spoken(p.unit)}".strip())
-    return f"{fitted.effect.name}: {', '.join(values)}"

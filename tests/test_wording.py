@@ -29,21 +29,6 @@ def test_number(value, sign, text):
     assert wording.number(value, 3, sign) == text
 
 
-def test_effect_in_its_own_unit():
-    from dataclasses import dataclass
-
-    from pcalib.effects.base import EffectParameter
-    from pcalib.model import FittedEffect
-
-    @dataclass(frozen=True)
-    class Plain:
-        name = "plain"
-        parameters = (EffectParameter("c", "urad_Nm", 1e-5),)
-
-    fitted = FittedEffect(Plain(), np.array([8e-5]), sigma=np.array([2e-6]))  # pyright: ignore[reportArgumentType]
-    assert wording.effect(fitted) == "plain: c = 80 ± 2 µrad/N·m"
-
-
 @pytest.mark.parametrize(
     ("value", "text"),
     [(-1060.0, "-1060"), (2.97e3, "2970"), (999.7, "1000"), (80.0, "80"), (0.01234, "0.0123"), (2.5e9, "2.5e+09")],

@@ -187,8 +187,7 @@ def show(found: Fit) -> None:
         f"of the robot as drawn, such readings show {found.expected}."
     )
     for fitted in found.candidate.effects:
-        describe = getattr(fitted.effect, "describe", None)
-        say(f"- {describe(fitted.theta) if describe else fitted.effect.name}")
+        say(f"- {fitted.effect.describe(fitted.theta)}")
     moved = summary.largest_changes(found)
     if moved:
         show_table(("moved most", "from nominal", "± 1σ", "in σ"), moved)

@@ -62,7 +62,7 @@ def command(
     sides = [side.strip() for side in between.split(",")]
     files = [name for side in sides for name in side.split("+") if ".py" in name and name not in effect_file]
     calibrated, measured, own = read(model, data, (*effect_file, *files))
-    known = {e.name: e for e in own} | {getattr(e, "spec", e.name): e for e in own}
+    known = {e.name: e for e in own} | {e.spec: e for e in own}
     if len(sides) != 2:
         raise InputError(
             f"--between '{between}': name two explanations, separated by a comma",

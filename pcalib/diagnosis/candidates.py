@@ -114,7 +114,7 @@ def require_seen(effect: Effect, point: Point) -> None:
 def _why_idle(effect: Effect, point: Point) -> str:
     """Why an effect moves nothing on these poses: for want of partners that it acts through, or of loads, if under some
     it would move something."""
-    if hasattr(effect, "through") and not {f.effect.name for f in point.model.effects} - {effect.name}:
+    if effect.indirect and not {f.effect.name for f in point.model.effects} - {effect.name}:
         return ALONE
     at = point.situation
     if any(point.model.robot.mass.values()) or at.payload.any():
@@ -126,20 +126,21 @@ def _why_idle(effect: Effect, point: Point) -> str:
 def _columns(effect: Effect, point: Point, at: Situation) -> np.ndarray:
     """(N, 6, p) derivative of the readings by each parameter of an effect, in a situation beside the model's others."""
     partners = tuple((fitted.effect, fitted.theta) for fitted in point.model.effects)
-    return point.columns(effects.basis(effect, replace(at, partners=partners)))
+    return point.columns(effect.basis(replace(at, partners=partners)))
 
 
 def shown_by(effect: Effect | None) -> str:
     """What the data must vary for an effect to be seen, as a remedy."""
-    wants = getattr(effect, "wants", ())
-    return f"it is seen best with: {', '.join(wants)}" if wants else "measure under conditions that show it"
+    if effect is None or not effect.wants:
+        return "measure under conditions that show it"
+    return f"it is seen best with: {', '.join(effect.wants)}"
 
 
 def _candidate(effect: Effect, point: Point) -> Candidate:
     parameters = effect.parameters
     return Candidate(
         name=effect.name,
-        spec=getattr(effect, "spec", effect.name),
+        spec=effect.spec,
         effect=effect,
         columns=_columns(effect, point, point.situation),
         scale=np.array([p.prior for p in parameters]),

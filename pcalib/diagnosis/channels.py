@@ -39,7 +39,7 @@ class Point:
         """The state behind a prediction."""
         at = p.situation
         if at is None:
-            at = prediction.situation(model, p.q, p.pose, conditions, p.deviation)
+            at = model.situation(p.q, p.pose, conditions, p.deviation)
         closed, JX = prediction.closure_of(model, p)
         return cls(model, p, at, closed, JX)
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import effects, prediction, units
+from pcalib import prediction, units
 from pcalib.diagnosis.candidates import level_columns
 from pcalib.diagnosis.channels import Point
 from pcalib.diagnosis.problem import Problem, spread, unknowns_for
@@ -242,7 +242,7 @@ def _rows(
 def _columns(rival: Effect | Level, point: Point) -> np.ndarray:
     """(N, 6, p) [m, rad] derivative of the readings by an effect's or a level's parameters, in usual sizes."""
     if not isinstance(rival, Level):
-        return point.columns(effects.basis(rival, point.situation)) * [x.prior for x in rival.parameters]
+        return point.columns(rival.basis(point.situation)) * [x.prior for x in rival.parameters]
     level = unknowns_of(point.model, rival.name)
     return level_columns(point, rival.name) * level.scale[: level.n_geometry]
 
@@ -302,7 +302,7 @@ def _candidates(
 ) -> tuple[np.ndarray, Conditions]:
     """Reachable poses under all sorts of conditions that the rivals answer to."""
     data, n = made.data, options.candidates
-    wants = {want for rival in rivals for e in rival for want in getattr(e, "wants", ())}
+    wants = {want for rival in rivals for e in rival for want in e.wants}
     needs = {need for rival in rivals for e in rival for need in e.needs}
     q = reachable(made.model.robot, n, rng).q
     nq = q.shape[1]

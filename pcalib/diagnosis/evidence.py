@@ -146,7 +146,7 @@ def _hottest(found: Diagnosis, screen: Screen, rest: Test) -> int:
 
 def _finding(found: Diagnosis, spec: str, own: Sequence[Effect]) -> Finding:
     model = found.problem.model
-    spec = {getattr(e, "spec", ""): e.name for e in own}.get(spec, spec)
+    spec = {e.spec: e.name for e in own}.get(spec, spec)
     if spec in {f.effect.name for f in model.effects}:
         remedy = f"'pcalib drop {spec} …' shows what it is needed for"
         raise EffectError(f"effect {spec} is in the model already\n  {remedy}")
@@ -198,8 +198,8 @@ def by_variable_of(found: Diagnosis, data: Measurements) -> ByVariable | None:
     inside = {c.spec for e in found.sets[:1] for c in e.candidates}
     ranked = sorted(found.findings, key=lambda f: (f.candidate.spec not in inside, f.p, -f.s))
     for finding in ranked[:3]:
-        channels = getattr(finding.candidate.effect, "channels", ())
-        if channels and channels[0] in ("actuator", "rod"):
+        effect = finding.candidate.effect
+        if effect is not None and effect.channels and effect.channels[0] in ("actuator", "rod"):
             made = found.problem
             screen = made.screen(2)
             after = _fits(made.model, data, finding)[1]
@@ -212,16 +212,16 @@ def _by_variable(
 ) -> ByVariable | None:
     """Component plus residual of an effect in the actuators or rods; None where it acts elsewhere."""
     effect, made = finding.candidate.effect, found.problem
-    channel = (getattr(effect, "channels", ()) or ("",))[0]
-    if effect is None or after is None or channel not in ("actuator", "rod"):
+    if effect is None or after is None or not effect.channels or effect.channels[0] not in ("actuator", "rod"):
         return None
+    channel = effect.channels[0]
     variable = _telling(found, screen, g, finding, channel)
     at = made.point.situation
     x = _variable(at, variable, channel)
     if x is None:
         return None
     theta = next(f.theta for f in after.candidate.effects if f.effect.name == effect.name)
-    component = getattr(effect.contribution(at, theta), channel)
+    component = effect.contribution(at, theta)[channel]
     kept = np.flatnonzero(~data.check)[np.setdiff1d(np.arange(len(made.given)), made.set_aside)]
     error = after.error[kept]
     G = getattr(made.point.response(), channel)

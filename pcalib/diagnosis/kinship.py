@@ -31,7 +31,7 @@ def kinship(effect: Effect, robot: Robot, n: int = 60) -> list[str]:
 
     def whitened(e: Effect) -> np.ndarray:
         scale = np.array([p.prior for p in e.parameters])
-        return (point.columns(effects.basis(e, point.situation)) * scale * weight).reshape(6 * n, -1)
+        return (point.columns(e.basis(point.situation)) * scale * weight).reshape(6 * n, -1)
 
     unknowns = unknowns_of(model, "complete")
     geometry = prediction.geometry_columns(model, point.prediction, point.closure, point.JX) * weight

@@ -109,14 +109,14 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
             )
         after = identification.fit(data, before.model, spec)
         return Step("add", spec, before, after)
-    mine = [e for e in own if spec in (e.name, getattr(e, "spec", ""))]
+    mine = [e for e in own if spec in (e.name, e.spec)]
     effect = mine[0] if mine else _parsed(spec, model)
     present = {f.effect.name: f for f in model.effects}
-    if effect.name in present and getattr(present[effect.name].effect, "spec", "") == getattr(effect, "spec", ""):
+    if effect.name in present and present[effect.name].effect.spec == effect.spec:
         raise EffectError(f"effect {spec} is in the model already\n  'pcalib drop {effect.name} …' takes it out")
     effects.require(effect, data.columns, data.source)
     _require_seen(effect, before.model, data)
-    start = FittedEffect(effect, np.zeros(len(effect.parameters)), getattr(effect, "spec", spec))
+    start = FittedEffect(effect, np.zeros(len(effect.parameters)), effect.spec)
     kept = tuple(f for f in before.model.effects if f.effect.name != effect.name)
     after = identification.fit(data, replace(before.model, effects=(*kept, start)), model.level)
     return Step("add", start.spec, before, after)

@@ -124,7 +124,7 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         shared = [c for c in best.candidates if c.name in found.established]
         out += [{"do": "add", "effect": c.spec} for c in sorted(shared, key=lambda c: c.effect is not None)]
         rivals = [[c for c in e.candidates if c.name not in found.established] for e in found.sets[:2]]
-        wants = sorted({w for rival in rivals for c in rival for w in getattr(c.effect, "wants", ())})
+        wants = sorted({w for rival in rivals for c in rival if c.effect for w in c.effect.wants})
         out.append({"do": "next", "between": ["+".join(c.spec for c in rival) for rival in rivals], "vary": wants})
     if found.verdict == "established":
         out += [{"do": "add", "effect": spec} for e in found.sets[:1] for spec in e.specs]
@@ -138,9 +138,8 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         out.append({"do": "replicate", "why": "the noise is not verified: measure ten poses twice"})
     blind = sorted({f.candidate.name for f in found.findings if f.note.startswith("these poses") and not _geometry(f)})
     for name in blind:
-        wants = [
-            w for f in found.findings if f.candidate.name == name for w in getattr(f.candidate.effect, "wants", ())
-        ]
+        mine = [f.candidate.effect for f in found.findings if f.candidate.name == name]
+        wants = [w for effect in mine if effect is not None for w in effect.wants]
         out.append({"do": "vary", "for": name, "vary": list(dict.fromkeys(wants))})
     return out
 
@@ -174,8 +173,8 @@ def candidate_rows(found: Diagnosis, most: int | None = 12, longest: int = 90) -
     so many characters."""
     rows = []
     for f in _listed(found, most)[0]:
-        describe = getattr(f.candidate.effect, "describe", None)
-        said = "" if describe is None else clipped(describe(f.theta), longest)
+        effect = f.candidate.effect
+        said = "" if effect is None else clipped(effect.describe(f.theta), longest)
         rows.append(
             (
                 f.candidate.spec, f"{100 * f.kappa:.0f} %", f"{f.s:.1f}", p_text(f.p), "yes" if f.adequate else "",
@@ -210,11 +209,12 @@ def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
     """Smallest sizes that would have been found, of every effect in its simplest variant."""
     seen: dict[str, tuple[str, str]] = {}
     for f in sorted(found.findings, key=lambda f: len(f.candidate.scale)):
-        describe = getattr(f.candidate.effect, "describe", None)
-        if f.candidate.name in seen or describe is None:
+        effect = f.candidate.effect
+        if f.candidate.name in seen or effect is None:
             continue
         finite = np.isfinite(f.smallest_seen).all()
-        seen[f.candidate.name] = (f.candidate.spec, describe(f.smallest_seen) if finite else "no size: invisible here")
+        said = effect.describe(f.smallest_seen) if finite else "no size: invisible here"
+        seen[f.candidate.name] = (f.candidate.spec, said)
     return sorted(seen.values())
 
 
@@ -324,8 +324,7 @@ def step_lines(step: Step) -> list[str]:
     """The effects of the new model with their sizes, and whether they are physically possible."""
     lines = []
     for f in step.after.candidate.effects:
-        describe = getattr(f.effect, "describe", None)
-        text = f"{f.effect.name}: {describe(f.theta) if describe else ''}"
+        text = f"{f.effect.name}: {f.effect.describe(f.theta)}"
         for p, value, sigma in zip(
             f.effect.parameters, f.theta, f.sigma if f.sigma is not None else f.theta * np.nan, strict=True
         ):

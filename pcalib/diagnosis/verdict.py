@@ -38,9 +38,7 @@ def in_words(candidate: Candidate, theta: np.ndarray) -> str:
     """An effect with its size, or a level, as people say it."""
     if candidate.effect is None:
         return f"geometry of level {candidate.name}"
-    describe = getattr(candidate.effect, "describe", None)
-    title = getattr(candidate.effect, "title", candidate.name)
-    return f"{title} [{candidate.spec}]" + (f": {describe(theta)}" if describe else "")
+    return f"{candidate.effect.title} [{candidate.spec}]: {candidate.effect.describe(theta)}"
 
 
 def decide(sets: Sequence[Explanation]) -> tuple[str, tuple[str, ...]]:

@@ -16,7 +16,6 @@ import numpy as np
 from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
 from pcalib.effects.library import LibraryEffect, Places
 from pcalib.errors import EffectError, unknown
-from pcalib.mechanics.mechanism import Pose
 from pcalib.robot import Robot
 
 __all__ = [
@@ -24,13 +23,11 @@ __all__ = [
     "Effect",
     "EffectParameter",
     "Situation",
-    "basis",
     "get",
     "missing",
     "names",
     "parse",
     "require",
-    "situation",
 ]
 
 
@@ -67,7 +64,7 @@ def get(
     kind = _library()[name]
     places = Places() if robot is None else Places.of(robot.mechanism)
     options = {}
-    if hasattr(kind, "cycles"):
+    if kind.cycles:
         wanted = cycles if cycles is not None else (robot.drive.get("ripple_per_turn") if robot is not None else None)
         if wanted is not None:
             options["cycles"] = tuple(int(n) for n in np.atleast_1d(wanted))
@@ -124,55 +121,3 @@ def require(effect: Effect, columns: Mapping[str, np.ndarray], source: str | Pat
             f"{source}: effect {effect.name} needs columns that the data do not have: {', '.join(lacking)}\n"
             "  add them to the file, with a value in every row"
         )
-
-
-def basis(effect: Effect, at: Situation, theta: np.ndarray | None = None) -> list[Contribution]:
-    """∂(contribution)/∂θ_j as one Contribution per parameter, at theta (zero when absent).
-
-    Exact where the effect is linear; otherwise central differences with steps of 1e-3 prior.
-    """
-    own = getattr(effect, "basis", None)
-    if own is not None:
-        return own(at)
-    parameters = effect.parameters
-    eye = np.eye(len(parameters))
-    if getattr(effect, "linear", False):
-        return [effect.contribution(at, row) for row in eye]
-    zero = np.zeros(len(parameters)) if theta is None else np.asarray(theta, float)
-    out = []
-    for row, parameter in zip(eye, parameters, strict=True):
-        h = 1e-3 * parameter.prior
-        plus, minus = effect.contribution(at, zero + h * row), effect.contribution(at, zero - h * row)
-        out.append((plus + minus.scaled(-1.0)).scaled(0.5 / h))
-    return out
-
-
-def situation(
-    robot: Robot,
-    k: np.ndarray,
-    q: np.ndarray,
-    pose: Pose,
-    tool: np.ndarray | float = 0.0,
-    payload: np.ndarray | float = 0.0,
-    columns: Mapping[str, np.ndarray] | None = None,
-    partners: Sequence[tuple[Effect, np.ndarray]] = (),
-    position: np.ndarray | None = None,
-) -> Situation:
-    """What effects see at N poses, with the loads of pcalib's own statics.
-
-    Args:
-        tool: (3,) or (N, 3) [m], plate frame.
-        payload: scalar or (N,) [kg] at the tool point.
-        columns: (N,) arrays in SI by name without unit.
-        position: (N, 3) [m] measured point in the measuring frame; the TCP in the base frame when absent.
-    """
-    from pcalib.mechanics import statics
-
-    q = np.atleast_2d(np.asarray(q, float))
-    tool = np.broadcast_to(np.asarray(tool, float), pose.x.shape)
-    payload = np.broadcast_to(np.asarray(payload, float), (len(q),))
-    loads = statics.loads(robot, k, q, pose, tool, payload)
-    return Situation(
-        robot=robot, q=q, pose=pose, rods=loads.rods, arms=loads.levers, tension=loads.tension, torque=loads.torque,
-        tool=tool, payload=payload, columns=dict(columns or {}), k=k, position=position, partners=tuple(partners),
-    )  # fmt: skip

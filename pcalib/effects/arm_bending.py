@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib import rotation
@@ -25,13 +23,11 @@ class ArmBending(PlacedEffect):
     compliance; the lateral one is not.
     """
 
-    title: ClassVar[str] = "arms bend under load"
-    channels: ClassVar[tuple[str, ...]] = ("elbow",)
-    wants: ClassVar[tuple[str, ...]] = ("payload",)
+    title = "arms bend under load"
+    channels = ("elbow",)
+    wants = ("payload",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        return tuple(EffectParameter(way, "um_N", 2e-7, 0.0, 5e-5) for way in ("vertical", "lateral"))
+    quantities = tuple(EffectParameter(way, "um_N", 2e-7, 0.0, 5e-5) for way in ("vertical", "lateral"))
 
     def unsuited(self, mechanism: Mechanism) -> str:
         return unsuited_without_arms(mechanism)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
-from pcalib.effects.library import PlacedEffect, drive_unit
+from pcalib.effects.library import PlacedEffect
 
 
 class Backlash(PlacedEffect):
@@ -16,15 +14,12 @@ class Backlash(PlacedEffect):
     Where the direction is absent or 0, the load chooses the side: δq_i = (b/2)·sign τ_i. Gears have 1–3 arcmin.
     """
 
-    title: ClassVar[str] = "play in the drives"
-    channels: ClassVar[tuple[str, ...]] = ("actuator",)
-    wants: ClassVar[tuple[str, ...]] = ("direction of motion",)
+    title = "play in the drives"
+    channels = ("actuator",)
+    wants = ("direction of motion",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        unit = drive_unit(self.places, "arcmin", "um")
-        prior, high = (3e-4, 2e-2) if self.places.dimension == "angle" else (2e-5, 2e-3)
-        return (EffectParameter("gap", unit, prior, 0.0, high),)
+    quantities = (EffectParameter("gap", "arcmin", 3e-4, 0.0, 2e-2),)
+    sliding = (EffectParameter("gap", "um", 2e-5, 0.0, 2e-3),)
 
     def shapes(self, at: Situation) -> np.ndarray:
         direction = at.directions()

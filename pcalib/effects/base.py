@@ -6,17 +6,20 @@ work with any combination of effects; derivatives come from the contribution its
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from pcalib import units
 from pcalib.errors import EffectError
-from pcalib.mechanics.kinematics import Deviation
-from pcalib.mechanics.mechanism import BaseSide, Pose
+from pcalib.mechanics import kinematics, statics
+from pcalib.mechanics.kinematics import RIGID, Deviation
+from pcalib.mechanics.mechanism import BaseSide, Mechanism, Pose
 from pcalib.robot import Robot
+from pcalib.wording import figure
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,47 @@ class Situation:
     """(N, 3) [m] measured point in the measuring frame; the TCP in the base frame when absent."""
     gravity: np.ndarray | None = None
     """(3,) [m/s²], base frame; the robot's when absent. `under` changes it together with the loads."""
-    partners: tuple[tuple[Any, np.ndarray], ...] = ()
-    """The effects that act together with this one, with their parameter values."""
+    partners: tuple[tuple[Effect, np.ndarray], ...] = ()
+    """All effects of the model with their parameter values (np,) [SI]."""
+
+    @classmethod
+    def at(
+        cls,
+        robot: Robot,
+        k: np.ndarray,
+        q: np.ndarray,
+        pose: Pose,
+        tool: np.ndarray | float = 0.0,
+        payload: np.ndarray | float = 0.0,
+        columns: Mapping[str, np.ndarray] | None = None,
+        *,
+        partners: Sequence[tuple[Effect, np.ndarray]] = (),
+        position: np.ndarray | None = None,
+        deviation: Deviation = RIGID,
+    ) -> Situation:
+        """The situation at N poses, with rod directions, levers and loads from the statics of the rigid robot.
+
+        Args:
+            k: (nk,) geometric parameters.
+            q: (N, nq) commanded actuator values [rad or m].
+            pose: plate poses that close the loops with q.
+            tool: (3,) or (N, 3) [m], plate frame.
+            payload: scalar or (N,) [kg] at the tool point.
+            columns: (N,) arrays in SI by name without unit.
+            partners: all effects of the model with their parameter values.
+            position: (N, 3) [m] measured point in the measuring frame; the TCP in the base frame when absent.
+            deviation: what effects add inside the loops at these poses.
+        """
+        q = np.atleast_2d(np.asarray(q, float))
+        tool = np.broadcast_to(np.asarray(tool, float), pose.x.shape)
+        payload = np.broadcast_to(np.asarray(payload, float), (len(q),))
+        closed = kinematics.closure(robot.mechanism, k, q, pose, deviation=deviation)
+        loads = statics.loads(robot, k, q, pose, tool, payload, closed)
+        return cls(
+            robot=robot, q=q, pose=pose, rods=closed.n, arms=closed.side.dA, tension=loads.tension,
+            torque=loads.torque, tool=tool, payload=payload, columns=dict(columns or {}), k=k, position=position,
+            partners=tuple(partners),
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.q)
@@ -112,8 +154,6 @@ class Situation:
 
     def under(self, gravity: np.ndarray) -> Situation:
         """The same poses with another gravity vector (3,) [m/s²] and the loads that it makes."""
-        from pcalib.mechanics import statics
-
         loads = statics.loads(self.robot, self.k, self.q, self.pose, self.tool, self.payload, gravity=gravity)
         return replace(self, tension=loads.tension, torque=loads.torque, gravity=np.asarray(gravity, float))
 
@@ -147,32 +187,36 @@ class Contribution:
     sensor: np.ndarray | None = None
     """(N, 3) [m], measuring frame: added to the measured position."""
 
-    def __add__(self, other: Contribution) -> Contribution:
-        out = {}
-        for f in fields(self):
-            a, b = getattr(self, f.name), getattr(other, f.name)
-            out[f.name] = b if a is None else a if b is None else a + b
-        return Contribution(**out)
-
-    def scaled(self, factor: float) -> Contribution:
-        """All channels times a number."""
-        return Contribution(
-            **{f.name: None if (a := getattr(self, f.name)) is None else factor * a for f in fields(self)}
-        )
-
-    def spread(self, rows: np.ndarray) -> Contribution:
-        """This contribution on some rows, (N,) bool, of more: nothing on the others."""
-        out = {}
-        for name in self.channels:
-            part = getattr(self, name)
-            out[name] = np.zeros((len(rows), *part.shape[1:]))
-            out[name][rows] = part
-        return Contribution(**out)
+    def items(self) -> list[tuple[str, np.ndarray]]:
+        """Name and array of each channel that is not None."""
+        return [(name, value) for name, value in vars(self).items() if value is not None]
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the channels that are not None."""
-        return tuple(f.name for f in fields(self) if getattr(self, f.name) is not None)
+        return tuple(name for name, _ in self.items())
+
+    def __getitem__(self, channel: str) -> np.ndarray:
+        """The array of a channel that is not None."""
+        return vars(self)[channel]
+
+    def __add__(self, other: Contribution) -> Contribution:
+        out = dict(self.items())
+        for name, value in other.items():
+            out[name] = out[name] + value if name in out else value
+        return Contribution(**out)
+
+    def scaled(self, factor: float) -> Contribution:
+        """All channels times a number."""
+        return Contribution(**{name: factor * value for name, value in self.items()})
+
+    def spread(self, rows: np.ndarray) -> Contribution:
+        """The contribution of the rows (N,) bool that are true, spread over all N rows: zero on the others."""
+        out = {}
+        for name, part in self.items():
+            out[name] = np.zeros((len(rows), *part.shape[1:]))
+            out[name][rows] = part
+        return Contribution(**out)
 
     @property
     def deviation(self) -> Deviation:
@@ -180,24 +224,71 @@ class Contribution:
         return Deviation(self.actuator, self.rod, self.elbow, self.plate)
 
 
-class Effect(Protocol):
-    """An effect of the library or of the user's own; a frozen dataclass."""
+class Effect:
+    """A physical effect; a library effect or a user's class states what differs from these defaults.
 
-    @property
-    def name(self) -> str:
-        """The name in files and options."""
-        ...
+    An effect has to state `name`, `parameters` and `contribution`. A user's class need not derive from this one,
+    because loading adds it as a base.
+    """
 
-    @property
-    def parameters(self) -> tuple[EffectParameter, ...]:
-        """Its numbers; common to all arms or one per arm."""
-        ...
-
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Columns without which it cannot be computed, by name without unit."""
-        ...
+    name: str = ""
+    """The name in files and options: lower-case letters, digits and _."""
+    spec: str = ""
+    """How a command line names this variant: `drive_compliance:arm`, `my_effect.py:WormGear`."""
+    title: str = ""
+    """What happens, in a technician's words."""
+    parameters: tuple[EffectParameter, ...] = ()
+    """Its np numbers, common to all arms (or rods) or one for each."""
+    per: str = "common"
+    """Whether the numbers are 'common' to the robot or counted per 'arm' or 'rod'."""
+    needs: tuple[str, ...] = ()
+    """Data columns without which it cannot be computed, by name without unit."""
+    wants: tuple[str, ...] = ()
+    """What the data should vary so that the effect is seen, in words for the user."""
+    channels: tuple[str, ...] = ()
+    """Channels of :class:`Contribution` that it may fill, the main one first."""
+    cycles: tuple[int, ...] = ()
+    """Cycles per turn of the motor axis that its parameters belong to; empty where they belong to none."""
+    linear: bool = False
+    """Whether the contribution is linear in theta."""
+    indirect: bool = False
+    """Whether it acts only through the other effects of the model (`Situation.partners`)."""
 
     def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
         """What it adds at parameter values theta (np,) [SI]; nothing at theta = 0."""
-        ...
+        raise NotImplementedError
+
+    def basis(self, at: Situation, theta: np.ndarray | None = None) -> list[Contribution]:
+        """∂(contribution)/∂θ_j, one Contribution per parameter, at theta (zero when absent).
+
+        It is exact where the effect is linear; otherwise by central differences with steps of 1e-3 prior.
+        """
+        eye = np.eye(len(self.parameters))
+        if self.linear:
+            return [self.contribution(at, row) for row in eye]
+        zero = np.zeros(len(eye)) if theta is None else np.asarray(theta, float)
+        out = []
+        for row, parameter in zip(eye, self.parameters, strict=True):
+            h = 1e-3 * parameter.prior
+            plus, minus = self.contribution(at, zero + h * row), self.contribution(at, zero - h * row)
+            out.append((plus + minus.scaled(-1.0)).scaled(0.5 / h))
+        return out
+
+    def through(self, at: Situation, theta: np.ndarray, other: Effect, other_theta: np.ndarray) -> list[Contribution]:
+        """∂(contribution of this effect)/∂(parameters of another), asked of effects that are `indirect` only."""
+        return [Contribution() for _ in other.parameters]
+
+    def unsuited(self, mechanism: Mechanism) -> str:
+        """Why it makes no sense on a robot, in words; empty where it makes sense."""
+        return ""
+
+    def describe(self, theta: np.ndarray) -> str:
+        """The numbers theta (np,) [SI] in plain words with their units."""
+        return "; ".join(
+            f"{p.name.replace('_', ' ')} {self.say(p, value)}" for p, value in zip(self.parameters, theta, strict=True)
+        )
+
+    def say(self, quantity: EffectParameter, value: float) -> str:
+        """One number [SI] with its unit; below a millionth of its usual size it is written as 0."""
+        shown = value / units.factor(quantity.unit)
+        return f"{figure(shown if abs(value) > 1e-6 * quantity.prior else 0.0)} {units.spoken(quantity.unit)}".rstrip()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import Contribution, EffectParameter, Situation
@@ -16,20 +14,17 @@ class BaseDrift(LibraryEffect):
     A creeping tracker is an exact alias. Tenths of a millimetre in two hours of warm-up are usual.
     """
 
-    title: ClassVar[str] = "the base or the tracker creeps with time"
-    variants: ClassVar[tuple[str, ...]] = ("common",)
-    channels: ClassVar[tuple[str, ...]] = ("base",)
-    wants: ClassVar[tuple[str, ...]] = ("time",)
+    title = "the base or the tracker creeps with time"
+    variants = ("common",)
+    channels = ("base",)
+    wants = ("time",)
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return ("time",)
+    needs = ("time",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        v = tuple(EffectParameter(f"v{a}", "um_h", 1e-4 / 3600, -0.01 / 3600, 0.01 / 3600) for a in "xyz")
-        w = tuple(EffectParameter(f"w{a}", "urad_h", 1e-4 / 3600, -0.02 / 3600, 0.02 / 3600) for a in "xyz")
-        return v + w
+    quantities = (
+        *(EffectParameter(f"v{a}", "um_h", 1e-4 / 3600, -0.01 / 3600, 0.01 / 3600) for a in "xyz"),
+        *(EffectParameter(f"w{a}", "urad_h", 1e-4 / 3600, -0.02 / 3600, 0.02 / 3600) for a in "xyz"),
+    )
 
     def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
         return Contribution(base=at.column("time")[:, None] * np.asarray(theta, float))

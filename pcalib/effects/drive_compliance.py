@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
-from pcalib.effects.library import PlacedEffect, drive_unit, stiffness
+from pcalib.effects.library import PlacedEffect, stiffness
 
 
 class DriveCompliance(PlacedEffect):
@@ -16,15 +14,12 @@ class DriveCompliance(PlacedEffect):
     The arm moves the way its load turns it. Gearboxes have 41–120 kN·m/rad, belts about 15 (maker's data).
     """
 
-    title: ClassVar[str] = "drives give way under load"
-    channels: ClassVar[tuple[str, ...]] = ("actuator",)
-    wants: ClassVar[tuple[str, ...]] = ("payload",)
+    title = "drives give way under load"
+    channels = ("actuator",)
+    wants = ("payload",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        unit = drive_unit(self.places, "urad_Nm", "um_N")
-        prior, high = (5e-5, 5e-3) if self.places.dimension == "angle" else (1e-7, 1e-5)
-        return (EffectParameter("compliance", unit, prior, 0.0, high),)
+    quantities = (EffectParameter("compliance", "urad_Nm", 5e-5, 0.0, 5e-3),)
+    sliding = (EffectParameter("compliance", "um_N", 1e-7, 0.0, 1e-5),)
 
     def shapes(self, at: Situation) -> np.ndarray:
         return at.torque[None]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
@@ -14,13 +12,11 @@ from pcalib.mechanics.mechanism import Mechanism
 class EncoderOvality(PlacedEffect):
     """δq_i = A·sin 2q_i + B·cos 2q_i [rad]. From an oval disc or a wobbling shaft; some ten arc seconds."""
 
-    title: ClassVar[str] = "encoder discs run oval"
-    channels: ClassVar[tuple[str, ...]] = ("actuator",)
-    wants: ClassVar[tuple[str, ...]] = ("wide range of motor angles",)
+    title = "encoder discs run oval"
+    channels = ("actuator",)
+    wants = ("wide range of motor angles",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        return tuple(EffectParameter(part, "arcsec", 1e-4, -1e-2, 1e-2) for part in ("sine", "cosine"))
+    quantities = tuple(EffectParameter(part, "arcsec", 1e-4, -1e-2, 1e-2) for part in ("sine", "cosine"))
 
     def unsuited(self, mechanism: Mechanism) -> str:
         return unsuited_without_angles(mechanism)

@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
-from pcalib.effects.library import PlacedEffect, drive_unit
+from pcalib.effects.library import PlacedEffect
 
 
 class FrictionHysteresis(PlacedEffect):
     """δq_i = −c·dir_i·|τ_i| [rad or m]: friction grows with the load and winds the drive up; about 10 µrad/(N·m)."""
 
-    title: ClassVar[str] = "friction winds the drives up"
-    channels: ClassVar[tuple[str, ...]] = ("actuator",)
-    wants: ClassVar[tuple[str, ...]] = ("direction of motion", "payload")
+    title = "friction winds the drives up"
+    channels = ("actuator",)
+    wants = ("direction of motion", "payload")
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return tuple(f"dir{i + 1}" for i in range(len(self.places.arms)))
+    quantities = (EffectParameter("per_load", "urad_Nm", 1e-5, 0.0, 1e-3),)
+    sliding = (EffectParameter("per_load", "um_N", 2e-8, 0.0, 2e-6),)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        unit = drive_unit(self.places, "urad_Nm", "um_N")
-        prior, high = (1e-5, 1e-3) if self.places.dimension == "angle" else (2e-8, 2e-6)
-        return (EffectParameter("per_load", unit, prior, 0.0, high),)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "needs", tuple(f"dir{i + 1}" for i in range(len(self.places.arms))))
 
     def shapes(self, at: Situation) -> np.ndarray:
         return -(at.directions() * np.abs(at.torque))[None]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
@@ -13,13 +11,11 @@ from pcalib.effects.library import PlacedEffect
 class GearRatio(PlacedEffect):
     """δq_i = g·q_i, g dimensionless. More than 0.1 % suggests wrong units or a wrong tooth count."""
 
-    title: ClassVar[str] = "the gear ratio is off"
-    channels: ClassVar[tuple[str, ...]] = ("actuator",)
-    wants: ClassVar[tuple[str, ...]] = ("wide range of motor positions",)
+    title = "the gear ratio is off"
+    channels = ("actuator",)
+    wants = ("wide range of motor positions",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("ratio_error", "ppm", 5e-4, -2e-2, 2e-2),)
+    quantities = (EffectParameter("ratio_error", "ppm", 5e-4, -2e-2, 2e-2),)
 
     def shapes(self, at: Situation) -> np.ndarray:
         return at.q[None]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,16 +23,15 @@ class GearRipple(PlacedEffect):
 
     cycles: tuple[int, ...] = (24,)
 
-    title: ClassVar[str] = "gears ripple"
-    channels: ClassVar[tuple[str, ...]] = ("actuator",)
-    wants: ClassVar[tuple[str, ...]] = ("a fine sweep of motor angles", "ripple_per_turn in the robot file")
+    title = "gears ripple"
+    channels = ("actuator",)
+    wants = ("a fine sweep of motor angles", "ripple_per_turn in the robot file")
 
-    @property
-    def spec(self) -> str:
-        return f"{super().spec}@{'+'.join(map(str, self.cycles))}"
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "spec", f"{self.spec}@{'+'.join(map(str, self.cycles))}")
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
+    def numbers(self) -> tuple[EffectParameter, ...]:
         return tuple(
             EffectParameter(f"{part}{n}", "arcsec", 2e-4, -1e-2, 1e-2)
             for n in self.cycles

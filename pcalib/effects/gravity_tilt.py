@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
-from pcalib import effects, rotation
+from pcalib import rotation
 from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
 from pcalib.effects.library import LibraryEffect
 
@@ -18,15 +16,14 @@ class GravityTilt(LibraryEffect):
     and only where one of them is in the model.
     """
 
-    title: ClassVar[str] = "the robot hangs crooked in gravity"
-    variants: ClassVar[tuple[str, ...]] = ("common",)
-    channels: ClassVar[tuple[str, ...]] = ("actuator", "rod", "elbow", "tool")
-    linear: ClassVar[bool] = False
-    wants: ClassVar[tuple[str, ...]] = ("a compliance in the model", "payload")
+    title = "the robot hangs crooked in gravity"
+    variants = ("common",)
+    channels = ("actuator", "rod", "elbow", "tool")
+    linear = False
+    indirect = True
+    wants = ("a compliance in the model", "payload")
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        return tuple(EffectParameter(f"tilt_{a}", "mrad", 1e-2, -0.3, 0.3) for a in "xy")
+    quantities = tuple(EffectParameter(f"tilt_{a}", "mrad", 1e-2, -0.3, 0.3) for a in "xy")
 
     def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
         total = Contribution()
@@ -38,9 +35,10 @@ class GravityTilt(LibraryEffect):
             total = total + effect.contribution(tilted, value) + effect.contribution(now, value).scaled(-1.0)
         return total
 
-    def through(self, at: Situation, theta: np.ndarray, partner: Effect, value: np.ndarray) -> list[Contribution]:
-        """∂(contribution)/∂(value of a partner), one Contribution per parameter of the partner."""
-        by = (effects.basis(partner, there, value) for there in self._both(at, theta))
+    def through(
+        self, at: Situation, theta: np.ndarray, other: Effect, other_theta: np.ndarray
+    ) -> list[Contribution]:
+        by = (other.basis(there, other_theta) for there in self._both(at, theta))
         return [tilted + now.scaled(-1.0) for tilted, now in zip(*by, strict=True)]
 
     def _both(self, at: Situation, theta: np.ndarray) -> tuple[Situation, Situation]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
@@ -16,14 +14,12 @@ class JointClearance(PlacedEffect):
     It is constant, and so invisible, where no rod force changes sign.
     """
 
-    title: ClassVar[str] = "play in the rod joints"
-    variants: ClassVar[tuple[str, ...]] = ("common", "arm", "rod")
-    channels: ClassVar[tuple[str, ...]] = ("rod",)
-    wants: ClassVar[tuple[str, ...]] = ("poses at which rod forces change sign",)
+    title = "play in the rod joints"
+    variants = ("common", "arm", "rod")
+    channels = ("rod",)
+    wants = ("poses at which rod forces change sign",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("gap", "um", 1e-5, 0.0, 1e-3),)
+    quantities = (EffectParameter("gap", "um", 1e-5, 0.0, 1e-3),)
 
     def shapes(self, at: Situation) -> np.ndarray:
         return 0.5 * np.sign(at.tension)[None]

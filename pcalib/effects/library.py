@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from pcalib import rotation, units
-from pcalib.effects.base import Contribution, EffectParameter, Situation
+from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
 from pcalib.errors import EffectError
 from pcalib.mechanics.mechanism import Mechanism
 from pcalib.wording import figure
@@ -46,84 +46,48 @@ class Places:
 
 
 @dataclass(frozen=True)
-class LibraryEffect:
-    """An effect of the library: name, plain words, and whether its numbers are common or separate."""
+class LibraryEffect(Effect):
+    """An effect of the library, named after its file; its numbers are common or separate, as `per` says."""
 
     per: str = "common"
-    """'common', 'arm' or 'rod'."""
     places: Places = Places()
 
-    title: ClassVar[str]
-    """What happens, in a technician's words."""
     variants: ClassVar[tuple[str, ...]] = ("common", "arm")
-    """What `per` may be, the one to try first in front."""
-    channels: ClassVar[tuple[str, ...]]
-    """Where it enters: actuator, rod, elbow, plate, tool, base or sensor."""
-    linear: ClassVar[bool] = True
-    """The contribution is linear in theta."""
-    wants: ClassVar[tuple[str, ...]] = ()
-    """What the data must vary for it to be seen: payload, dir, temperature, time, q; words for the user."""
+    """What `per` may be; a diagnosis tries the first one first."""
+    quantities: ClassVar[tuple[EffectParameter, ...]]
+    """The numbers of one arm or rod."""
+    sliding: ClassVar[tuple[EffectParameter, ...]] = ()
+    """Those where actuators slide, if other units apply there."""
+
+    linear = True
+
+    def __init_subclass__(cls) -> None:
+        cls.name = cls.__module__.rpartition(".")[2]
 
     def __post_init__(self) -> None:
         if self.per not in self.variants:
             raise EffectError(f"effect {self.name} has no variant '{self.per}'; accepted: {', '.join(self.variants)}")
-
-    @property
-    def name(self) -> str:
-        """The name in files and options: that of its file."""
-        return type(self).__module__.rpartition(".")[2]
-
-    @property
-    def spec(self) -> str:
-        """How a command line names it: `drive_compliance` or `drive_compliance:arm`."""
-        return self.name if self.per == self.variants[0] else f"{self.name}:{self.per}"
-
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        """The numbers of one member."""
-        raise NotImplementedError
-
-    @property
-    def parameters(self) -> tuple[EffectParameter, ...]:
-        """All numbers, quantity by quantity, member by member: `compliance.q1 compliance.q2 …`."""
         members = self.places.members(self.per)
-        return tuple(
+        parameters = tuple(
             replace(quantity, name=f"{quantity.name}.{member}" if member else quantity.name)
-            for quantity in self.quantities
+            for quantity in self.numbers()
             for member in members
         )
+        object.__setattr__(self, "parameters", parameters)
+        object.__setattr__(self, "spec", self.name if self.per == self.variants[0] else f"{self.name}:{self.per}")
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Columns without which it cannot be computed."""
-        return ()
-
-    def unsuited(self, mechanism: Mechanism) -> str:
-        """Why it makes no sense on a robot; empty where it does."""
-        return ""
-
-    def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
-        """What it adds at theta (np,) [SI]."""
-        raise NotImplementedError
+    def numbers(self) -> tuple[EffectParameter, ...]:
+        """The numbers of one arm or rod of this robot; `parameters` has them quantity by quantity, member by member."""
+        return self.sliding if self.sliding and self.places.dimension == "length" else self.quantities
 
     def describe(self, theta: np.ndarray) -> str:
-        """The numbers in plain words, one clause per quantity."""
-        theta = np.asarray(theta, float).reshape(len(self.quantities), -1)
+        quantities = self.numbers()
         members = self.places.members(self.per)
         clauses = []
-        for quantity, values in zip(self.quantities, theta, strict=True):
-            said = [self.say(quantity, value) for value in values]
-            if len(said) == 1:
-                clauses.append(f"{quantity.name.replace('_', ' ')} {said[0]}")
-            else:
-                each = ", ".join(f"{member} {text}" for member, text in zip(members, said, strict=True))
-                clauses.append(f"{quantity.name.replace('_', ' ')} {each}")
+        for quantity, values in zip(quantities, np.reshape(theta, (len(quantities), -1)), strict=True):
+            said = [f"{m} {self.say(quantity, v)}".lstrip() for m, v in zip(members, values, strict=True)]
+            clauses.append(f"{quantity.name.replace('_', ' ')} {', '.join(said)}")
         return "; ".join(clauses)
-
-    def say(self, quantity: EffectParameter, value: float) -> str:
-        """One number with its unit."""
-        shown = value / units.factor(quantity.unit)
-        return f"{figure(shown if abs(value) > 1e-6 * quantity.prior else 0.0)} {units.spoken(quantity.unit)}"
 
 
 class PlacedEffect(LibraryEffect):
@@ -150,8 +114,7 @@ class PlacedEffect(LibraryEffect):
         values = values[:, None, :, None] if shapes.ndim == 4 else values[:, None]
         return Contribution(**{self.channels[0]: np.sum(values * shapes, axis=0)})
 
-    def basis(self, at: Situation) -> list[Contribution]:
-        """The contribution of each parameter at unit value."""
+    def basis(self, at: Situation, theta: np.ndarray | None = None) -> list[Contribution]:
         shapes, member = self.shapes(at), self._member
         out = []
         for shape in shapes:
@@ -183,6 +146,17 @@ def pivots(at: Situation) -> np.ndarray:
     return at.k[p][mechanism.actuator]
 
 
+REFERENCE = 20.0
+"""[°C] temperature that dimensions are stated for (ISO 1)."""
+EXPANSION = EffectParameter("expansion", "ppm_K", 1.5e-5, -5e-6, 1e-4)
+"""Linear expansion of a part."""
+
+
+def warmer(at: Situation, part: str) -> np.ndarray:
+    """(N,) [K] temperature of 'arms', 'rods' or 'base' above the reference."""
+    return at.column(f"temp_{part}") - REFERENCE
+
+
 def unsuited_without_arms(mechanism: Mechanism) -> str:
     """For effects of rotary arms."""
     return "" if motor_axes(mechanism, mechanism.nominal) is not None else "its actuators turn no arms"
@@ -191,11 +165,6 @@ def unsuited_without_arms(mechanism: Mechanism) -> str:
 def unsuited_without_angles(mechanism: Mechanism) -> str:
     """For effects of encoders and gears that repeat with a turn."""
     return "" if mechanism.actuator_dimension == "angle" else "its actuators do not turn"
-
-
-def drive_unit(places: Places, angle: str, length: str) -> str:
-    """A unit that depends on what the actuators are."""
-    return angle if places.dimension == "angle" else length
 
 
 def stiffness(compliance: float, unit: str, part: str = "") -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import EffectParameter, Situation
@@ -13,14 +11,12 @@ from pcalib.effects.library import PlacedEffect, stiffness
 class RodCompliance(PlacedEffect):
     """δl_r = c·T_r with c = 1/k [m/N], T > 0 tension; k = EA/l is 10–50 N/µm with joints."""
 
-    title: ClassVar[str] = "rods stretch under load"
-    variants: ClassVar[tuple[str, ...]] = ("common", "arm", "rod")
-    channels: ClassVar[tuple[str, ...]] = ("rod",)
-    wants: ClassVar[tuple[str, ...]] = ("payload",)
+    title = "rods stretch under load"
+    variants = ("common", "arm", "rod")
+    channels = ("rod",)
+    wants = ("payload",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("compliance", "um_N", 5e-8, 0.0, 1e-5),)
+    quantities = (EffectParameter("compliance", "um_N", 5e-8, 0.0, 1e-5),)
 
     def shapes(self, at: Situation) -> np.ndarray:
         return at.tension[None]

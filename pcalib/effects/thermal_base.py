@@ -2,40 +2,30 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
-from pcalib.effects.base import EffectParameter, Situation
-from pcalib.effects.library import PlacedEffect, pivots
+from pcalib.effects.base import Situation
+from pcalib.effects.library import EXPANSION, PlacedEffect, pivots, warmer
 from pcalib.mechanics.mechanism import Mechanism
-
-REFERENCE = 20.0
-"""[°C] temperature that dimensions are stated for."""
 
 
 class ThermalBase(PlacedEffect):
     """p_i → p_i·(1 + α·(T − 20 °C)) about the base origin. Aluminium 23.6, steel 12 ppm/K."""
 
-    title: ClassVar[str] = "the base grows with temperature"
-    variants: ClassVar[tuple[str, ...]] = ("common",)
-    channels: ClassVar[tuple[str, ...]] = ("elbow",)
-    wants: ClassVar[tuple[str, ...]] = ("temperature",)
+    title = "the base grows with temperature"
+    variants = ("common",)
+    channels = ("elbow",)
+    wants = ("temperature",)
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return ("temp_base",)
+    needs = ("temp_base",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("expansion", "ppm_K", 1.5e-5, -5e-6, 1e-4),)
+    quantities = (EXPANSION,)
 
     def unsuited(self, mechanism: Mechanism) -> str:
         return "" if hasattr(mechanism.actuation, "p") else "its base points are no parameters of their own"
 
     def shapes(self, at: Situation) -> np.ndarray:
-        warmer = at.column("temp_base") - REFERENCE
-        return (warmer[:, None, None] * pivots(at))[None]
+        return (warmer(at, "base")[:, None, None] * pivots(at))[None]
 
 
 EFFECT = ThermalBase

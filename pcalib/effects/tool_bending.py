@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import Contribution, EffectParameter, Situation
@@ -20,14 +18,12 @@ class ToolBending(LibraryEffect):
     A vertical tool at rest does not bend: only tilted or sideways tools show it. The plate's rotation is not touched.
     """
 
-    title: ClassVar[str] = "the tool bends under the payload"
-    variants: ClassVar[tuple[str, ...]] = ("common",)
-    channels: ClassVar[tuple[str, ...]] = ("tool",)
-    wants: ClassVar[tuple[str, ...]] = ("payload", "tools that reach sideways")
+    title = "the tool bends under the payload"
+    variants = ("common",)
+    channels = ("tool",)
+    wants = ("payload", "tools that reach sideways")
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("compliance", "um_N", 2e-6, 0.0, 1e-3),)
+    quantities = (EffectParameter("compliance", "um_N", 2e-6, 0.0, 1e-3),)
 
     def _unit(self, at: Situation) -> np.ndarray:
         """(N, 3) [m] deflection in the plate frame per unit compliance."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pcalib.effects.base import Contribution, EffectParameter, Situation
@@ -16,14 +14,12 @@ class TrackerScale(LibraryEffect):
     A robot that is larger as a whole measures the same: without a length standard this is an exact alias.
     """
 
-    title: ClassVar[str] = "the instrument's scale is off"
-    variants: ClassVar[tuple[str, ...]] = ("common",)
-    channels: ClassVar[tuple[str, ...]] = ("sensor",)
-    wants: ClassVar[tuple[str, ...]] = ("a scale bar, its ends measured as two tools: no pose can show it",)
+    title = "the instrument's scale is off"
+    variants = ("common",)
+    channels = ("sensor",)
+    wants = ("a scale bar, its ends measured as two tools: no pose can show it",)
 
-    @property
-    def quantities(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("scale_error", "ppm", 1e-5, -1e-3, 1e-3),)
+    quantities = (EffectParameter("scale_error", "ppm", 1e-5, -1e-3, 1e-3),)
 
     def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
         return Contribution(sensor=theta[0] * at.measured_point)

@@ -11,27 +11,26 @@ import re
 import sys
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, fields
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 
 from pcalib import files, units
-from pcalib.effects.base import Contribution, EffectParameter, Situation
+from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
 from pcalib.errors import EffectError, InputError, unknown
 from pcalib.mechanics.mechanism import Mechanism
 from pcalib.robot import Robot
-from pcalib.wording import figure
 
 TEMPLATE = '''"""{title}: say here what happens, in one line."""
 
 import numpy as np
 
-from pcalib.effects import Contribution, EffectParameter
+from pcalib.effects import Contribution, Effect, EffectParameter
 
 
-class {classname}:
+class {classname}(Effect):
     name = "{name}"
     parameters = (EffectParameter("amplitude", "urad", 1e-4),)  # name, unit that is shown, usual size in SI
     needs = ()  # columns of the data that it uses, e.g. ("humidity",): at.column("humidity")
@@ -53,32 +52,16 @@ def template(name: str) -> tuple[str, str, str]:
     return f"{snake}.py", camel, TEMPLATE.format(title=title, classname=camel, name=snake)
 
 
-@dataclass(frozen=True)
-class UserEffect:
-    """An effect of the user's own behind checks; it satisfies the protocol of :class:`pcalib.effects.base.Effect`."""
+class _Located(EffectError):
+    """An error that names the user's file already."""
 
-    inner: Any
+
+class UserEffect(Effect):
+    """The checks in front of a user's class, which :func:`load` adds as the second base."""
+
     file: Path
-    classname: str
-    name: str
-    parameters: tuple[EffectParameter, ...]
-    needs: tuple[str, ...]
-    title: str
-    linear: bool = False
-    """Found on loading: twice theta gives twice the contribution, and sums give sums."""
-    channels: tuple[str, ...] = ()
-    """Found on loading; empty where no robot was known."""
-    per: str = "common"
-    wants: tuple[str, ...] = ()
-
-    @property
-    def spec(self) -> str:
-        """How a command line names it."""
-        return f"{self.file}:{self.classname}"
-
-    def unsuited(self, mechanism: Mechanism) -> str:
-        """Empty: the user knows."""
-        return ""
+    kind: type
+    """The user's class itself."""
 
     def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
         """That of the user's class, checked.
@@ -86,14 +69,31 @@ class UserEffect:
         Raises:
             EffectError: it raises, or returns another type, a wrong shape, NaN or infinity.
         """
-        got = _call(
-            self.file, f"{self.classname}.contribution", lambda: self.inner.contribution(at, np.array(theta, float))
-        )
-        return self._checked(got, at)
+        run = super().contribution
+        return self._checked(self._called("contribution", lambda: run(at, np.array(theta, float))), at)
+
+    def basis(self, at: Situation, theta: np.ndarray | None = None) -> list[Contribution]:
+        run = super().basis
+        return [self._checked(part, at) for part in self._called("basis", lambda: list(run(at, theta)))]
+
+    def through(self, at: Situation, theta: np.ndarray, other: Effect, other_theta: np.ndarray) -> list[Contribution]:
+        run = super().through
+        return [self._checked(p, at) for p in self._called("through", lambda: list(run(at, theta, other, other_theta)))]
+
+    def unsuited(self, mechanism: Mechanism) -> str:
+        run = super().unsuited
+        return str(self._called("unsuited", lambda: run(mechanism)))
+
+    def describe(self, theta: np.ndarray) -> str:
+        run = super().describe
+        return str(self._called("describe", lambda: run(np.array(theta, float))))
+
+    def _called(self, method: str, run: Callable[[], Any]) -> Any:
+        return _call(self.file, f"{self.kind.__name__}.{method}", run)
 
     def _checked(self, got: Any, at: Situation) -> Contribution:
         if not isinstance(got, Contribution):
-            raise self._error(
+            raise self.error(
                 f"contribution returned {type(got).__name__}, not Contribution",
                 "write e.g. return Contribution(actuator=theta[0] * at.torque)",
             )
@@ -101,42 +101,31 @@ class UserEffect:
         shapes = {"actuator": (N, nq), "rod": (N, m), "elbow": (N, m, 3), "plate": (N, m, 3), "tool": (N, 3)}
         shapes |= {"base": (N, 6), "sensor": (N, 3)}
         out: dict[str, np.ndarray] = {}
-        for channel in (f.name for f in fields(Contribution)):
-            value = getattr(got, channel)
-            if value is None:
-                continue
+        for channel, value in got.items():
             try:
                 value = np.asarray(value, float)
             except (TypeError, ValueError):
-                raise self._error(f"{channel} is not an array of numbers: {value!r}") from None
+                raise self.error(f"{channel} is not an array of numbers: {value!r}") from None
             if value.shape != shapes[channel]:
-                raise self._error(
+                raise self.error(
                     f"{channel} has shape {value.shape}, not {shapes[channel]}",
                     f"{N} poses, {nq} actuators, {m} rods; poses stand on the first axis",
                 )
             bad = np.argwhere(~np.isfinite(value))
             if len(bad):
-                raise self._error(
+                raise self.error(
                     f"{channel} is not finite at pose {bad[0][0]} (and {len(bad) - 1} more values)",
                     "look for a division by zero, a root or logarithm of a negative number, or blanks in a column",
                 )
             out[channel] = value
         return Contribution(**out)
 
-    def _error(self, problem: str, remedy: str = "") -> EffectError:
-        line = getattr(getattr(type(self.inner).contribution, "__code__", None), "co_firstlineno", None)
-        where = f"{self.file}:{line}" if line else f"{self.file}"
-        return EffectError(f"{where}: {self.classname}: {problem}" + (f"\n  {remedy}" if remedy else ""))
-
-    def describe(self, theta: np.ndarray) -> str:
-        """The numbers with their units, or the class's own words."""
-        own = getattr(self.inner, "describe", None)
-        if own is not None:
-            return str(_call(self.file, f"{self.classname}.describe", lambda: own(np.array(theta, float))))
-        return "; ".join(
-            f"{p.name.replace('_', ' ')} {figure(value / units.factor(p.unit))} {units.spoken(p.unit)}".rstrip()
-            for p, value in zip(self.parameters, theta, strict=True)
-        )
+    def error(self, problem: str, remedy: str = "") -> EffectError:
+        """An error of the user's class, with the line of its `contribution`."""
+        code = vars(self.kind).get("contribution")
+        line = f":{code.__code__.co_firstlineno}" if isinstance(code, FunctionType) else ""
+        remedy = f"\n  {remedy}" if remedy else ""
+        return _Located(f"{self.file}{line}: {self.kind.__name__}: {problem}{remedy}")
 
 
 def load(spec: str, robot: Robot | None = None) -> UserEffect:
@@ -156,11 +145,18 @@ def load(spec: str, robot: Robot | None = None) -> UserEffect:
     module = _module(file)
     kind = getattr(module, classname, None)
     if not isinstance(kind, type):
-        have = [n for n, v in vars(module).items() if isinstance(v, type) and hasattr(v, "contribution")]
+        classes = {n: v for n, v in vars(module).items() if isinstance(v, type) and v.__module__ == module.__name__}
+        have = [name for name, each in classes.items() if hasattr(each, "contribution")]
         raise EffectError(f"{file}: " + unknown("class", classname, have or ["none has a method 'contribution'"]))
-    inner = _call(file, classname, kind)
-    effect = _declared(inner, file, classname)
-    return effect if robot is None else _tried(effect, robot)
+    if not callable(getattr(kind, "contribution", None)) or kind.contribution is Effect.contribution:
+        remedy = "'pcalib effect new NAME' writes a template"
+        raise EffectError(f"{file}: {classname}: has no method contribution(self, at, theta)\n  {remedy}")
+    stated = {"file": file, "kind": kind, "spec": spec, "linear": False, "channels": (), "__module__": kind.__module__}
+    effect = _call(file, classname, lambda: type(classname, (UserEffect, kind, Effect), stated)())
+    _declared(effect)
+    if robot is not None:
+        _try(effect, robot)
+    return effect
 
 
 def _module(file: Path) -> Any:
@@ -185,8 +181,10 @@ def _call(file: Path, what: str, run: Callable[[], Any]) -> Any:
     try:
         with np.errstate(all="ignore"):  # what is not finite is reported with file and pose instead
             return run()
+    except _Located:
+        raise
     except SyntaxError as error:
-        raise EffectError(f"{file}:{error.lineno}: {error.msg}\n  {(error.text or '').strip()}") from None
+        raise _Located(f"{file}:{error.lineno}: {error.msg}\n  {(error.text or '').strip()}") from None
     except (Exception, SystemExit) as error:  # a file that calls exit() must not look like a command that went well
         frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename).name == file.name]
         where = f"{file}:{frames[-1].lineno}" if frames else f"{file}"
@@ -195,24 +193,21 @@ def _call(file: Path, what: str, run: Callable[[], Any]) -> Any:
         hint = ""
         if isinstance(error, KeyError):
             hint = "\n  a column is missing: name it in `needs`, without its unit where that is a known one"
-        raise EffectError(f"{where}: {what} raised {type(error).__name__}: {said}{code}{hint}") from error
+        raise _Located(f"{where}: {what} raised {type(error).__name__}: {said}{code}{hint}") from error
 
 
-def _declared(inner: Any, file: Path, classname: str) -> UserEffect:
-    """What the class says of itself, checked."""
+def _declared(effect: UserEffect) -> None:
+    """Check what the class says of itself, and complete its title."""
     from pcalib import effects
 
     def bad(problem: str, remedy: str = "") -> EffectError:
-        return EffectError(f"{file}: {classname}: {problem}" + (f"\n  {remedy}" if remedy else ""))
+        return EffectError(f"{effect.file}: {effect.kind.__name__}: {problem}" + (f"\n  {remedy}" if remedy else ""))
 
-    if not callable(getattr(inner, "contribution", None)):
-        raise bad("has no method contribution(self, at, theta)", "'pcalib effect new NAME' writes a template")
-    name = getattr(inner, "name", None)
+    name, declared, needs = effect.name, effect.parameters, effect.needs
     if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise bad(f"name is {name!r}", 'write e.g. name = "worm_gear": small letters, digits, _')
     if name in effects.names():
         raise bad(f"'{name}' is an effect of the library", "choose another name")
-    declared = getattr(inner, "parameters", None)
     if not isinstance(declared, (tuple, list)) or not declared:
         raise bad("parameters is missing or empty", 'write parameters = (EffectParameter("amplitude", "urad", 1e-4),)')
     seen = set()
@@ -230,66 +225,64 @@ def _declared(inner: Any, file: Path, classname: str) -> UserEffect:
             raise bad(f"parameter '{p.name}': usual size {p.prior!r} is not positive")
         if not p.low <= 0 <= p.high:
             raise bad(f"parameter '{p.name}': zero, the nominal robot, is outside its range {p.low} … {p.high}")
-    needs = getattr(inner, "needs", ())
     if isinstance(needs, str) or not all(isinstance(n, str) for n in needs):
         raise bad(f"needs is {needs!r}", 'write a tuple of column names, e.g. needs = ("humidity",)')
-    title = str(getattr(inner, "title", "") or name.replace("_", " "))
-    return UserEffect(inner, file, classname, name, tuple(declared), tuple(needs), title)
+    type(effect).title = str(effect.title or name.replace("_", " "))
 
 
-def _tried(effect: UserEffect, robot: Robot) -> UserEffect:
-    """The effect after trials on poses of a robot: zero, shapes, derivative, pose by pose; with what they showed."""
+def _try(effect: UserEffect, robot: Robot) -> None:
+    """Try the effect on poses of a robot: zero, shapes, derivative, pose by pose; note its channels and linearity."""
     at = trial(robot, effect.needs)
     priors = np.array([p.prior for p in effect.parameters])
     rng = np.random.default_rng(0)
     zero = effect.contribution(at, 0 * priors)
-    for channel in zero.channels:
-        if np.abs(getattr(zero, channel)).max() > 0:
-            raise effect._error(
+    for channel, value in zero.items():
+        if np.abs(value).max() > 0:
+            raise effect.error(
                 f"theta = 0 adds something to {channel}", "at zero it must leave the nominal robot alone"
             )
     a, b = (priors * rng.standard_normal(len(priors)) for _ in range(2))
     whole = effect.contribution(at, a)
     if not whole.channels:
-        raise effect._error("the contribution is empty", "return Contribution(actuator=…), rod=…, tool=… or another")
+        raise effect.error("the contribution is empty", "return Contribution(actuator=…), rod=…, tool=… or another")
+    given = effect.basis(at)
     for j, p in enumerate(effect.parameters):
         h = 1e-3 * p.prior * np.eye(len(priors))[j]
         slope = (effect.contribution(at, h) + effect.contribution(at, -h).scaled(-1.0)).scaled(0.5 / (1e-3 * p.prior))
-        size = max((np.abs(getattr(slope, c)).max() for c in slope.channels), default=0.0)
+        size = max((np.abs(change).max() for _, change in slope.items()), default=0.0)
         if not np.isfinite(size):
-            raise effect._error(f"the derivative by '{p.name}' at zero is not finite")
+            raise effect.error(f"the derivative by '{p.name}' at zero is not finite")
         if size == 0:
-            raise effect._error(
+            raise effect.error(
                 f"'{p.name}' changes nothing at zero", "its derivative there must not vanish: a fit starts from zero"
             )
+        if any(np.abs(given[j][c] - slope[c]).max() > 1e-4 * size for c in slope.channels):
+            problem = f"basis is not the derivative of contribution by '{p.name}'"
+            raise effect.error(problem, "without a basis of its own, differences are taken")
     for n in (0, len(at) - 1):
         one = effect.contribution(at.take(slice(n, n + 1)), a)
         for channel in whole.channels:
-            x, y = getattr(one, channel), getattr(whole, channel)[n : n + 1]
-            if x is None or not np.allclose(x, y, rtol=1e-9, atol=1e-12 * np.abs(y).max()):
-                raise effect._error(
+            y = whole[channel][n : n + 1]
+            if channel not in one.channels or not np.allclose(one[channel], y, rtol=1e-9, atol=1e-12 * np.abs(y).max()):
+                raise effect.error(
                     f"{channel} of a pose depends on which other poses stand beside it",
                     "each pose must be computed from its own row (no means, differences or sums over rows)",
                 )
-    return UserEffect(
-        effect.inner, effect.file, effect.classname, effect.name, effect.parameters, effect.needs, effect.title,
-        linear=_linear(effect, at, a, b), channels=whole.channels,
-    )  # fmt: skip
+    type(effect).linear = _linear(effect, at, a, b)
+    type(effect).channels = whole.channels
 
 
 def _linear(effect: UserEffect, at: Situation, a: np.ndarray, b: np.ndarray) -> bool:
     summed = effect.contribution(at, a) + effect.contribution(at, b)
     joint = effect.contribution(at, a + b)
-    return all(
-        (x := getattr(summed, c)) is not None
-        and np.allclose(getattr(joint, c), x, rtol=1e-9, atol=1e-12 * (np.abs(x).max() + 1e-300))
-        for c in joint.channels
+    return joint.channels == summed.channels and all(
+        np.allclose(value, summed[c], rtol=1e-9, atol=1e-12 * (np.abs(value).max() + 1e-300))
+        for c, value in joint.items()
     )
 
 
 def trial(robot: Robot, needs: tuple[str, ...] = (), n: int = 9) -> Situation:
     """Some poses of a robot with tools, payloads and made-up values of every column, to try an effect on."""
-    from pcalib import effects
     from pcalib.mechanics.workspace import reachable
 
     rng = np.random.default_rng(7)
@@ -300,4 +293,4 @@ def trial(robot: Robot, needs: tuple[str, ...] = (), n: int = 9) -> Situation:
     columns |= {name: rng.uniform(0.5, 2.0, n) for name in needs if name not in columns}
     tool = np.array([0.0, 0.0, -0.1]) + 0.05 * rng.standard_normal((n, 3))
     nominal = robot.mechanism.nominal
-    return effects.situation(robot, nominal, found.q, found.pose, tool, rng.uniform(0.0, 2.0, n), columns)
+    return Situation.at(robot, nominal, found.q, found.pose, tool, rng.uniform(0.0, 2.0, n), columns)

@@ -97,7 +97,7 @@ def parameters(fit: Fit, truth: np.ndarray | None = None) -> Section:
     if lengths:
         blocks.insert(1, lengths)
     if model.effects:
-        blocks.append(Bullets([wording.effect(f) for f in model.effects]))
+        blocks.append(Bullets([f.effect.describe(f.theta) for f in model.effects]))
     return Section("What was identified", blocks)
 
 

@@ -181,7 +181,7 @@ def parameter_markdown(model: Model) -> str:
             ]  # fmt: skip
             rows.append(f"| {' | '.join(cells)} |")
     for fitted in model.effects:
-        rows += ["", _plain(wording.effect(fitted))]
+        rows += ["", _plain(fitted.effect.describe(fitted.theta))]
     return "\n".join(rows)
 
 

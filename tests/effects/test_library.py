@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from pcalib import effects, rotation, units
 from pcalib import robot as robots
-from pcalib.effects.base import Contribution
+from pcalib.effects.base import Contribution, Situation
 from pcalib.errors import EffectError
 from pcalib.mechanics import kinematics, statics
 from pcalib.mechanics.mechanism import Pose
@@ -50,8 +50,8 @@ def make(seed=0, n=12):
     columns |= {"temp_base": 20 + 5 * rng.standard_normal(n), "time": 3600 * np.linspace(0, 2, n)}
     columns |= {f"dir{i + 1}": rng.integers(-1, 2, n).astype(float) for i in range(3)}
     partner = (effects.get("drive_compliance"), np.array([3e-5]))
-    return effects.situation(
-        ROBOT, k, q, pose, rng.uniform(-0.2, 0.2, (n, 3)), rng.uniform(0, 2, n), columns, [partner]
+    return Situation.at(
+        ROBOT, k, q, pose, rng.uniform(-0.2, 0.2, (n, 3)), rng.uniform(0, 2, n), columns, partners=[partner]
     )
 
 
@@ -90,7 +90,7 @@ class TestEvery:
         names = [p.name for p in effect.parameters]
         assert len(set(names)) == len(names)
         count = {"common": 1, "arm": 3, "rod": 6}[per]
-        assert len(names) == count * len(effect.quantities)
+        assert len(names) == count * len(effect.numbers())
 
     def test_parameters_have_unit_prior_and_range(self, name, per):
         for p in effects.get(name, per, ROBOT).parameters:
@@ -115,7 +115,7 @@ class TestEvery:
     def test_basis_is_the_derivative(self, name, per):
         effect = effects.get(name, per, ROBOT)
         theta = usual(effect)
-        columns = effects.basis(effect, AT, theta)
+        columns = effect.basis(AT, theta)
         for j, parameter in enumerate(effect.parameters):
             h = 1e-4 * parameter.prior
             step = h * np.eye(len(theta))[j]
@@ -167,7 +167,7 @@ def of(name, theta, at=AT, per=None):
 def loaded(payload, q=0.1):
     k, qq = ROBOT.mechanism.nominal, np.full((1, 3), q)
     pose = kinematics.forward(ROBOT.mechanism, k, qq).pose
-    return effects.situation(ROBOT, k, qq, pose, 0.0, payload)
+    return Situation.at(ROBOT, k, qq, pose, 0.0, payload)
 
 
 def plate_height(at, contribution):
@@ -209,7 +209,7 @@ def test_arm_bending_lateral_is_a_cantilever_by_quadrature():
     at = AT.take(slice(0, 1))
     c, a = 1e-6, 0.35
     k = ROBOT.mechanism.nominal
-    at = effects.situation(ROBOT, k, at.q, kinematics.forward(ROBOT.mechanism, k, at.q).pose, at.tool, at.payload)
+    at = Situation.at(ROBOT, k, at.q, kinematics.forward(ROBOT.mechanism, k, at.q).pose, at.tool, at.payload)
     got = of("arm_bending", [0.0, c], at).elbow[0, :2]
     theta = np.radians(60)
     u = np.array([np.cos(theta), np.sin(theta), 0])
@@ -281,7 +281,7 @@ def test_thermal_growth_is_a_scaled_parameter(part):
     n = 4
     k = ROBOT.mechanism.nominal
     pose = kinematics.forward(ROBOT.mechanism, k, AT.q[:n]).pose
-    at = effects.situation(ROBOT, k, AT.q[:n], pose, columns={"temp": np.full(n, 20 + warm)})
+    at = Situation.at(ROBOT, k, AT.q[:n], pose, columns={"temp": np.full(n, 20 + warm)})
     got = kinematics.forward(ROBOT.mechanism, k, at.q, pose, of(f"thermal_{part}", [alpha], at).deviation).pose
     scaled = k.copy()
     head = {"arms": "a", "rods": "l", "base": "p"}[part]

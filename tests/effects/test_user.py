@@ -56,10 +56,10 @@ def test_basis_of_a_linear_and_a_nonlinear_one(tmp_path):
     at = user.trial(ROBOT)
     straight = effects.parse(write(tmp_path), ROBOT)
     assert straight.linear
-    np.testing.assert_allclose(effects.basis(straight, at)[0].actuator, at.q)
+    np.testing.assert_allclose(straight.basis(at)[0].actuator, at.q)
     bent = effects.parse(write(tmp_path, "return Contribution(actuator=np.sin(500 * theta[0]) * at.q)"), ROBOT)
     assert not bent.linear
-    slope = effects.basis(bent, at, np.array([1e-3]))[0].actuator
+    slope = bent.basis(at, np.array([1e-3]))[0].actuator
     np.testing.assert_allclose(slope, 500 * np.cos(0.5) * at.q, rtol=1e-6)
 
 
@@ -71,6 +71,31 @@ def test_columns_of_the_data_reach_it(tmp_path):
     )
     effect = effects.parse(spec, ROBOT)
     assert effects.missing(effect, {}) == ["humidity"] and effect.channels == ("rod",)
+
+
+@pytest.mark.parametrize("base", ["", "(Effect)"])
+def test_a_class_with_or_without_the_base_has_every_member(tmp_path, base):
+    spec = write(tmp_path, wants='("humidity",)')
+    file = tmp_path / "mine.py"
+    extra = "    def unsuited(self, mechanism):\n        return 'no arms' if mechanism.kind == 'hexapod' else ''\n"
+    file.write_text("from pcalib.effects import Effect\n" + file.read_text().replace("Mine:", f"Mine{base}:") + extra)
+    effect = effects.parse(spec, ROBOT)
+    assert isinstance(effect, effects.Effect) and effect.spec == spec and effect.title == "my effect"
+    assert effect.wants == ("humidity",) and effect.unsuited(ROBOT.mechanism) == "" and not effect.indirect
+    assert effect.describe(np.array([2e-5])) == "size 20 µrad" and effect.linear
+
+
+def test_a_basis_of_the_users_own_is_used_and_checked(tmp_path):
+    spec = write(tmp_path)
+    file = tmp_path / "mine.py"
+    own = "    def basis(self, at, theta=None):\n        return [Contribution(actuator={})]\n"
+    text = file.read_text()
+    file.write_text(text + own.format("1.0 * at.q"))
+    assert effects.parse(spec, ROBOT).basis(at := user.trial(ROBOT))[0].actuator.tolist() == at.q.tolist()
+    for slip, message in (("2 * at.q", "basis is not the derivative"), ("1 / 0", "Mine.basis raised ZeroDivision")):
+        file.write_text(text + own.format(slip))
+        with pytest.raises(EffectError, match=rf"mine.py:\d+: .*{message}"):
+            effects.parse(spec, ROBOT)
 
 
 SLIPS = {

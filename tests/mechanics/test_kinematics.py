@@ -152,7 +152,7 @@ def test_prediction_columns_of_effects(delta, perturb, q, name, frame, monkeypat
     def held(model, *_):
         return replace(seen, partners=tuple((f.effect, f.theta) for f in model.effects))
 
-    monkeypatch.setattr(prediction, "situation", held)
+    monkeypatch.setattr(Model, "situation", held)
 
     def reading(z):
         steps = np.split(usual * z, ends)
