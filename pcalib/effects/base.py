@@ -234,7 +234,7 @@ class Effect:
     name: str = ""
     """The name in files and options: lower-case letters, digits and _."""
     spec: str = ""
-    """How a command line names this variant: `drive_compliance:arm`, `my_effect.py:WormGear`."""
+    """How a command line names this variant: `drive_compliance:arm`, `my_effect.py:WormGear`; the name by default."""
     title: str = ""
     """What happens, in a technician's words."""
     parameters: tuple[EffectParameter, ...] = ()
@@ -253,6 +253,10 @@ class Effect:
     """Whether the contribution is linear in theta."""
     indirect: bool = False
     """Whether it acts only through the other effects of the model (`Situation.partners`)."""
+
+    def __init_subclass__(cls) -> None:
+        if "name" in vars(cls) and "spec" not in vars(cls):
+            cls.spec = cls.name
 
     def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
         """What it adds at parameter values theta (np,) [SI]; nothing at theta = 0."""

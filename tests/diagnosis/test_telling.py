@@ -19,7 +19,7 @@ from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.evidence import evidence
 from pcalib.diagnosis.steps import held_out_gain
 from pcalib.diagnosis.verdict import Explanation
-from pcalib.effects import Contribution, EffectParameter, get
+from pcalib.effects import Contribution, Effect, EffectParameter, get
 from pcalib.fitting import identification
 
 MODELS = Path(__file__).parents[2] / "models"
@@ -56,7 +56,7 @@ def _judged(found, data, error):
     return identification.accuracy(error[~data.check], data.sigma[~data.check], data.mask[~data.check], 0.0)
 
 
-class Wave:
+class Wave(Effect):
     """An effect of the user's own that is not there."""
 
     name = "wave"
