@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from bench import noises, settings
+from bench import noises
 from bench.noises import STREAM, Scene
-from bench.settings import Setting
-from pcalib import rotation
+from pcalib import rotation, settings
+from pcalib.settings import Setting
 
 PER_HOUR = 1 / 3600.0
 MEASURED = {
@@ -44,8 +44,8 @@ SETTINGS = (
     Setting("sigma_joint", "angle", 0.0, 0.0, 0.1, about="repeatability of the drives, anew for every row"),
     Setting("sigma_carriage", "length", 0.0, 0.0, 0.1, about="the same where drives move along a length"),
     Setting("frame", "word", "base", words=("base", "tracker"), about="'tracker': its place is unknown to the user"),
-    Setting("position", "length", np.array([2.5, -1.0, -0.4]), per="axis", about="where it stands, base frame"),
-    Setting("rotation", "angle", np.array([0.3, -0.2, 2.0]), per="axis", about="rotation vector, its axes → base"),
+    Setting("position", "length", np.array([2.5, -1.0, -0.4]), count=3, about="where it stands, base frame"),
+    Setting("rotation", "angle", np.array([0.3, -0.2, 2.0]), count=3, about="rotation vector, its axes → base"),
     Setting("resolution_pos", "length", 0.0, 0.0, 0.1, about="step of its last digit"),
     Setting("resolution_rot", "angle", 0.0, 0.0, 0.2, about="step of its last digit, rotation vector"),
     Setting("outliers", "number", 0.0, 0.0, 1.0, about="share of rows that are grossly wrong"),
@@ -90,7 +90,7 @@ class Instrument:
         unknown = set(values) - known
         if unknown:
             raise TypeError(f"no such setting of an instrument: {', '.join(sorted(unknown))}")
-        defaults = settings.read({}, SETTINGS, "instrument", {"axis": 3})
+        defaults = settings.read({}, SETTINGS, "instrument")
         self.values: dict[str, Any] = defaults | values
 
     @classmethod
@@ -98,9 +98,9 @@ class Instrument:
         """From the [instrument] table of a truth file.
 
         Raises:
-            InputError: see :func:`bench.settings.read`.
+            InputError: see :func:`pcalib.settings.read`.
         """
-        return cls(**settings.read(table, SETTINGS, "instrument", {"axis": 3}))
+        return cls(**settings.read(table, SETTINGS, "instrument"))
 
     def to_table(self) -> dict[str, Any]:
         """The table that gives this instrument again."""

@@ -19,11 +19,11 @@ from bench import faults
 from bench.faults import Fault
 from bench.instrument import Instrument
 from bench.machine import Machine
-from bench.settings import Setting, is_number, read
 from pcalib import files, units
 from pcalib import robot as robots
 from pcalib.errors import InputError, unknown
 from pcalib.robot import Robot
+from pcalib.settings import Setting, is_number, read
 
 SCHEMA = "pcbench.truth/1"
 FORM = "see docs/bench.md for the form"
@@ -35,6 +35,8 @@ DRAWN = (
     Setting("seed", "whole", 0, 0.0, about="of the draw"),
 )
 STREAM = 0x6E0
+LARGEST_ERROR = 1.0
+"""[m, rad, 1] the largest error of one parameter: far beyond what leaves a robot that can be assembled."""
 _DIMENSIONS = {"m": "length", "rad": "angle", "1": "ratio"}
 
 
@@ -75,13 +77,8 @@ def load(path: str | Path) -> Truth:
 def parse(text: str, source: str | Path = "truth") -> Truth:
     """A truth from the text of its file; `source` names it in messages and gives the folder of its robot file."""
     table = files.parse_toml(text, source, FORM)
-    try:
+    with files.locating(text, source, FORM):
         return _from_table(table, Path(source).parent)
-    except InputError as error:
-        if error.file is not None:
-            raise
-        line = _line_of(text, error.column)
-        raise InputError(error.problem, file=source, line=line, remedy=error.remedy or FORM) from None
 
 
 def draw_errors(robot: Robot, length: float, angle: float, seed: int, ratio: float = 0.0) -> np.ndarray:
@@ -118,28 +115,21 @@ def dumps(truth: Truth, sealed: Mapping[str, Any] | None = None) -> str:
 def _from_table(table: Mapping[str, Any], folder: Path) -> Truth:
     for key in table:
         if key not in SECTIONS:
-            raise InputError(unknown("key", key, SECTIONS), column=key)
+            raise InputError(unknown("key", key, SECTIONS), key=key)
     if table.get("schema", SCHEMA) != SCHEMA:
-        raise InputError(f"schema is '{table['schema']}', not '{SCHEMA}'", column="schema")
+        raise InputError(f"schema is '{table['schema']}', not '{SCHEMA}'", key="schema")
     robot = _robot(table.get("robot"), folder)
     for section in ("geometry", "instrument", "faults"):
         if not isinstance(table.get(section, {}), dict):
-            raise InputError(f"'{section}' must be a section", column=section, remedy=f"write [{section}]")
+            raise InputError(f"'{section}' must be a section", key=section, remedy=f"write [{section}]")
     made = []
     for name, settings in table.get("faults", {}).items():
         if not isinstance(settings, dict):
-            raise InputError(f"'{name}' must be a section", column=name, remedy=f"write [faults.{name}]")
-        made.append(_fault(robot, name, settings))
+            raise InputError(f"'{name}' must be a section", section="faults", key=name, remedy=f"write [faults.{name}]")
+        made.append(faults.make(robot, name, settings))
     faults.suit(robot, made)
     instrument = Instrument.from_table(table.get("instrument", {}))
     return Truth(robot, _errors(robot, table.get("geometry", {})), instrument, tuple(made))
-
-
-def _fault(robot: Robot, name: str, settings: Mapping[str, Any]) -> Fault:
-    try:
-        return faults.make(robot, name, settings)
-    except InputError as error:
-        raise InputError(error.problem, column=error.column or f"faults.{name}", remedy=error.remedy) from None
 
 
 def _robot(given: Any, folder: Path) -> Robot:
@@ -147,7 +137,7 @@ def _robot(given: Any, folder: Path) -> Robot:
         path = Path(given) if Path(given).is_absolute() else folder / given
         if not path.exists():
             raise InputError(
-                f"robot file '{given}' does not exist in {folder or '.'}", column="robot",
+                f"robot file '{given}' does not exist in {folder or '.'}", key="robot",
                 remedy="the path is relative to the truth file",
             )  # fmt: skip
         return robots.load(path)
@@ -170,24 +160,29 @@ def listed_errors(robot: Robot, listed: Any) -> np.ndarray:
         InputError: no table, an unknown parameter, or a value without unit or that is no number.
     """
     if not isinstance(listed, Mapping):
-        raise InputError("'errors' must be a section", column="errors", remedy="write [geometry.errors]")
+        remedy = "write [geometry.errors]"
+        raise InputError("'errors' must be a section", section="geometry", key="errors", remedy=remedy)
     mechanism = robot.mechanism
     errors = np.zeros(len(mechanism.parameters))
     at = {name: i for i, name in enumerate(mechanism.parameters)}
     given: set[str] = set()
     for key, raw in _flat(listed):
         name, unit = (key, None) if key in at else units.split(key)
+        dimension = _DIMENSIONS[mechanism.units[at[name]]] if name in at else ""
+        remedy = f"write one of {units.spellings(name, dimension)}"
         if name not in at:
-            raise InputError(f"[geometry.errors] {unknown('parameter', name, at)}", column=key)
-        dimension = _DIMENSIONS[mechanism.units[at[name]]]
-        if (unit is None and dimension != "ratio") or (unit is not None and unit.dimension != dimension):
+            problem, remedy = unknown("parameter", name, at), ""
+        elif (unit is None and dimension != "ratio") or (unit is not None and unit.dimension != dimension):
             said = "has no unit" if unit is None else f"'{unit.suffix}' is not a unit of {dimension}"
-            remedy = f"write one of {units.spellings(name, dimension)}"
-            raise InputError(f"[geometry.errors] '{key}': {said}", column=key, remedy=remedy)
-        if not is_number(raw):
-            raise InputError(f"[geometry.errors] '{key}' must be a number, not {raw!r}", column=key)
-        if name in given:
-            raise InputError(f"[geometry.errors] '{name}' is given twice", column=key, remedy="keep one of them")
+            problem = f"'{key}': {said}"
+        elif not is_number(raw) or abs(raw * (1.0 if unit is None else unit.factor)) > LARGEST_ERROR:
+            problem, remedy = f"'{key}' must be a number, and an error below 1 m or 1 rad, not {raw!r:.80}", ""
+        elif name in given:
+            problem, remedy = f"'{name}' is given twice", "keep one of them"
+        else:
+            problem = ""
+        if problem:
+            raise InputError(f"[geometry.errors] {problem}", section="geometry.errors", key=key, remedy=remedy)
         given.add(name)
         errors[at[name]] += raw * (1.0 if unit is None else unit.factor)
     return errors
@@ -200,14 +195,3 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             yield from _flat(value, f"{prefix}{key}.")
         else:
             yield prefix + key, value
-
-
-def _line_of(text: str, key: str | None) -> int | None:
-    """Line on which a key is written, for messages."""
-    if key is None:
-        return None
-    for name in (key, key.rpartition(".")[2]):  # [faults.hose], or hose = { … } under [faults]
-        for number, line in enumerate(text.splitlines(), 1):
-            if line.strip().lstrip("[").replace('"', "").startswith(name):
-                return number
-    return None

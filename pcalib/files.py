@@ -8,12 +8,21 @@ import re
 import shutil
 import tempfile
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from pcalib.errors import InputError
+
+LARGEST_TEXT = 50_000_000
+"""Characters of a TOML file: a spec that lists 1e5 robots of 60 errors each has as many."""
+DEEPEST = 64
+"""Levels of nesting and parts of a dotted key; the project's own files have at most 4."""
+_PART = r"(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
+_DOTTED = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST}}}")
+"""A dotted key of too many parts."""
 
 
 def read_text(path: str | Path) -> str:
@@ -41,27 +50,36 @@ def read_text(path: str | Path) -> str:
 
 
 def parse_toml(text: str, source: str | Path, remedy: str) -> dict[str, Any]:
-    """The table of a TOML text; `source` names it in messages, and `remedy` says where its form is described.
+    """The table of a TOML text; `source` names the file in messages, and `remedy` says where its form is described.
 
     Raises:
-        InputError: not TOML, with the line.
+        InputError: the text is not TOML, or beyond the limits of this module; the message has the line.
     """
+    dotted = _DOTTED.search(text)  # tomllib takes 2 GB for a key of 20,000 parts
+    if dotted or len(text) > LARGEST_TEXT:
+        problem = f"a key has more than {DEEPEST} parts" if dotted else f"more than {LARGEST_TEXT} characters"
+        line = text.count("\n", 0, dotted.end()) + 1 if dotted else None
+        raise InputError(f"not usable TOML: {problem}", file=source, line=line, remedy=remedy)
     try:
-        return tomllib.loads(text)
+        table = tomllib.loads(text)
     except RecursionError:  # brackets nested thousandfold
         raise InputError("not valid TOML: nested too deep", file=source, remedy=remedy) from None
     except tomllib.TOMLDecodeError as error:
-        problem, _, place = str(error).partition(" (at ")
-        line = re.match(r"line (\d+)", place)
-        number = int(line.group(1)) if line else text.count("\n") + 1
-        raise InputError(f"not valid TOML: {problem}", file=source, line=number, remedy=remedy) from None
+        problem, _, place = str(error).partition(" (at line ")  # before Python 3.14 the line stands in the text only
+        line = int(number) if (number := place.partition(",")[0]).isdigit() else text.count("\n") + 1
+        raise InputError(f"not valid TOML: {problem:.200}", file=source, line=line, remedy=remedy) from None
+    except ValueError:  # a whole number of more than 4300 digits
+        raise InputError("not valid TOML: a number of thousands of digits", file=source, remedy=remedy) from None
+    with locating(text, source, remedy):
+        _check_tree(table)
+    return table
 
 
 def parse_json(text: str, source: str | Path, remedy: str) -> dict[str, Any]:
-    """The object of a JSON text; `source` names it in messages.
+    """The object of a JSON text; `source` names the file in messages.
 
     Raises:
-        InputError: not JSON, with the line, or no object.
+        InputError: the text is not JSON, with the line; or it is no object, or beyond the limits of this module.
     """
     try:
         content = json.loads(text)
@@ -69,9 +87,85 @@ def parse_json(text: str, source: str | Path, remedy: str) -> dict[str, Any]:
         raise InputError("not valid JSON: nested too deep", file=source, remedy=remedy) from None
     except json.JSONDecodeError as error:
         raise InputError(f"not valid JSON: {error.msg}", file=source, line=error.lineno, remedy=remedy) from None
+    except ValueError:  # a whole number of more than 4300 digits
+        raise InputError("not valid JSON: a number of thousands of digits", file=source, remedy=remedy) from None
     if not isinstance(content, dict):
         raise InputError("not a JSON object", file=source, remedy=remedy)
+    with locating("", source, remedy):
+        _check_tree(content)
     return content
+
+
+def _check_tree(table: dict[str, Any]) -> None:
+    """Refuse what later steps cannot hold: whole numbers beyond 64 bits, and tables nested too deep."""
+    left: list[tuple[tuple[str, ...], Any]] = [((), table)]
+    while left:
+        path, value = left.pop()
+        if isinstance(value, (dict, list)):
+            if len(path) > DEEPEST:
+                raise InputError(f"nested more than {DEEPEST} deep", key=path[0])
+            items = value.items() if isinstance(value, dict) else ((path[-1], item) for item in value)
+            left += [((*path, str(key)), item) for key, item in items]
+        elif isinstance(value, int) and abs(value) >= 2**63:
+            section = ".".join(dict.fromkeys(path[:-1]))
+            problem = f"[{section:.80}] '{path[-1]:.80}' must be a number of at most 64 bits"
+            raise InputError(problem, key=path[-1], section=section)
+
+
+@contextmanager
+def locating(text: str, source: str | Path, remedy: str) -> Iterator[None]:
+    """Give errors raised inside that name no file this file, and the line of the key that they name.
+
+    Args:
+        text: the file's text.
+        remedy: the next step, where the error has none of its own.
+    """
+    try:
+        yield
+    except InputError as error:
+        if error.file is not None:
+            raise
+        line = line_of(text, error.section, error.key or error.column)
+        raise error.but(file=source, line=line, column=None, remedy=error.remedy or remedy) from None
+
+
+def line_of(text: str, section: str | None, key: str | None) -> int | None:
+    """The line on which a TOML key is written; that of its section where the key is absent, None where both are.
+
+    Args:
+        section: dotted, as in its header; items of an array of tables are counted from 1, as in 'method[2]'.
+        key: with its unit or without.
+    """
+    wanted = ".".join(part for part in (section, key) if part)
+    best, found = 0, None
+    for number, path in _paths(text):
+        if path in (wanted, f"{wanted}[1]"):
+            return number
+        if path.startswith(f"{wanted}_"):
+            fit = len(wanted) + 2
+        elif section is None and path.endswith(f".{wanted}"):
+            fit = len(wanted) + 1
+        else:  # the nearest table above it
+            fit = len(path) if path and wanted.startswith((f"{path}.", f"{path}[")) else 0
+        if fit > best:
+            best, found = fit, number
+    return found
+
+
+def _paths(text: str) -> Iterator[tuple[int, str]]:
+    """The number of each line of a TOML text, and the dotted path of the section or key that it begins with."""
+    header = ""
+    arrays: Counter[str] = Counter()
+    for number, line in enumerate(text.splitlines(), 1):
+        bare = line.strip().replace('"', "")
+        if not bare.startswith("["):
+            yield number, f"{header}.{bare.partition('=')[0].strip()}".strip(".")
+            continue
+        header = bare.strip("[").partition("]")[0].strip()
+        if bare.startswith("[["):
+            arrays[header] += 1
+            header += f"[{arrays[header]}]"
+        yield number, header
 
 
 @contextmanager

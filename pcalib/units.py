@@ -108,23 +108,24 @@ def resolve(names: list[str], wanted: dict[str, str], *, where: str = "key") -> 
             stem = name.rsplit("_", 1)[0]
             if stem in wanted and wanted[stem] != "count":
                 raise InputError(
-                    f"{where} '{name}': '{name[len(stem) + 1:]}' is not a known unit",
+                    f"{where} '{name}': '{name[len(stem) + 1:]}' is not a known unit", key=name,
                     remedy=f"write one of {spellings(stem, wanted[stem])}",
                 )
             continue
         dimension = wanted[bare]
         if bare == name and dimension not in ("none", "count"):
             raise InputError(
-                f"{where} '{name}' has no unit", remedy=f"write one of {spellings(name, dimension)}"
+                f"{where} '{name}' has no unit", key=name, remedy=f"write one of {spellings(name, dimension)}"
             )
         if bare != name and (unit is None or unit.dimension != dimension):
             raise InputError(
-                f"{where} '{name}': '{unit.suffix if unit else ''}' is not a unit of {dimension}",
+                f"{where} '{name}': '{unit.suffix if unit else ''}' is not a unit of {dimension}", key=name,
                 remedy=f"write one of {spellings(bare, dimension)}",
             )
         if bare in found:
             raise InputError(
-                f"'{bare}' is given twice: {where}s '{found[bare][0]}' and '{name}'", remedy="keep one of them"
+                f"'{bare}' is given twice: {where}s '{found[bare][0]}' and '{name}'", key=name,
+                remedy="keep one of them",
             )
         found[bare] = (name, 1.0 if unit is None or bare == name else unit.factor)
     return found

@@ -33,12 +33,13 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from bench import kinds, settings
+from bench import kinds
 from bench.commands import Commands, Row
 from bench.rig import Rig
-from bench.settings import Setting
+from pcalib import settings
 from pcalib.errors import InputError, unknown
 from pcalib.robot import Robot
+from pcalib.settings import Setting
 
 _OF_DRIVES = {
     "drive": {"angle": ("angle", 1.0), "length": ("length", 0.05)},
@@ -210,7 +211,7 @@ def suit(robot: Robot, faults: Iterable[Fault]) -> None:
     """Refuse faults of parts that this kind of robot does not have.
 
     Raises:
-        InputError: its column names the section of the fault.
+        InputError: its key names the section of the fault.
     """
     made = present(faults)
     spec = kinds.get(robot.kind).variants["rods"].spec(robot) if made else None
@@ -218,7 +219,7 @@ def suit(robot: Robot, faults: Iterable[Fault]) -> None:
         try:
             fault.build(spec)
         except InputError as error:
-            raise InputError(error.problem, column=f"faults.{fault.name}", remedy=error.remedy) from None
+            raise error.but(section="faults", key=fault.name) from None
 
 
 def suited(robot: Robot) -> list[str]:
@@ -240,7 +241,7 @@ def rods(robot: Robot) -> tuple[str, ...]:
 
 def counts(robot: Robot) -> dict[str, int]:
     """How many numbers a setting 'per' something has on a robot."""
-    return {"actuator": len(robot.mechanism.actuators), "rod": len(rods(robot)), "axis": 3}
+    return {"actuator": len(robot.mechanism.actuators), "rod": len(rods(robot))}
 
 
 def typical(robot: Robot, name: str, scale: float = 1.0) -> Fault:
@@ -265,5 +266,8 @@ def make(robot: Robot, name: str, table: Mapping[str, Any]) -> Fault:
     Raises:
         InputError: no such fault, or settings that it does not take.
     """
-    fault = get(name)
-    return fault(robot, **settings.read(table, fault.settings(robot), f"faults.{name}", counts(robot)))
+    try:
+        fault = get(name)
+        return fault(robot, **settings.read(table, fault.settings(robot), f"faults.{name}", counts(robot)))
+    except InputError as error:
+        raise error if error.key else error.but(section="faults", key=name) from None

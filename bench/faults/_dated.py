@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 ROW = Setting("row", "whole", 1, 1.0, about="the first row after it, counted from 1 in the order of the plan")

@@ -9,9 +9,9 @@ import numpy as np
 
 from bench.commands import Row
 from bench.faults import Fault
-from bench.settings import Setting
 from pcalib.errors import InputError
 from pcalib.robot import Robot
+from pcalib.settings import Setting
 
 
 def expansion(typical: float) -> tuple[Setting, ...]:

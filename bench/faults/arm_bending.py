@@ -7,7 +7,7 @@ import math
 import mujoco
 
 from bench.faults import Fault
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 FIRST = (1 - 1 / math.sqrt(3)) / 2
 """Where the models cut the arm first, as a share of its length: the first of its two Gauss points."""

@@ -7,7 +7,7 @@ import numpy as np
 from bench.commands import Row
 from bench.faults import Fault
 from bench.rig import Rig
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 
 class BaseDrift(Fault):
@@ -20,11 +20,11 @@ class BaseDrift(Fault):
     SETTINGS = (
         Setting(
             "v", "velocity", np.zeros(3), -1e-5, 1e-5,
-            typical=(1.5e-8, -1e-8, 2e-8), per="axis", about="velocity of the base's origin",
+            typical=(1.5e-8, -1e-8, 2e-8), count=3, about="velocity of the base's origin",
         ),
         Setting(
             "w", "angular_velocity", np.zeros(3), -1e-5, 1e-5,
-            typical=(1e-8, 2e-8, -1e-8), per="axis", about="rate of turn",
+            typical=(1e-8, 2e-8, -1e-8), count=3, about="rate of turn",
         ),
     )
     SIZES = ("v", "w")

@@ -7,7 +7,7 @@ import numpy as np
 from bench.commands import Row
 from bench.faults import Fault
 from bench.faults._encoder import invert
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 
 class EncoderEccentricity(Fault):

@@ -7,7 +7,7 @@ import mujoco
 from bench.commands import Row
 from bench.faults import Fault
 from bench.rig import Rig
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 STILL = 1e-14
 """[rad or m] change of a wind-up that is none."""

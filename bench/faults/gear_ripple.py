@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.commands import Row
 from bench.faults import Fault
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 
 class GearRipple(Fault):

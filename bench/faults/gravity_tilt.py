@@ -7,8 +7,8 @@ import numpy as np
 from bench.commands import Row
 from bench.faults import Fault
 from bench.rig import Rig
-from bench.settings import Setting
 from pcalib import rotation
+from pcalib.settings import Setting
 
 
 class GravityTilt(Fault):

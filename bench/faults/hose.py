@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from bench.faults import Fault
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 
 class Hose(Fault):
@@ -20,8 +20,8 @@ class Hose(Fault):
     SETTINGS = (
         Setting("stiffness", "stiffness", low=0.0, high=1e4, typical=50.0, about="k"),
         Setting("rest_length", "length", 0.5, 0.0, 5.0, about="below which it hangs slack"),
-        Setting("anchor", "length", np.array([0.25, 0.1, 0.0]), per="axis", about="its upper end, base frame"),
-        Setting("plate", "length", np.array([0.03, 0.0, 0.02]), per="axis", about="its lower end, plate frame"),
+        Setting("anchor", "length", np.array([0.25, 0.1, 0.0]), count=3, about="its upper end, base frame"),
+        Setting("plate", "length", np.array([0.03, 0.0, 0.02]), count=3, about="its lower end, plate frame"),
     )
     loaded = True
 

@@ -8,7 +8,7 @@ import numpy as np
 from bench.commands import Row
 from bench.faults import Fault, rods
 from bench.rig import Rig
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 
 class JointClearance(Fault):

@@ -7,9 +7,9 @@ from typing import Any
 import mujoco
 
 from bench.faults import Fault, rods
-from bench.settings import Setting
 from pcalib.errors import InputError
 from pcalib.robot import Robot
+from pcalib.settings import Setting
 
 
 class PlateFlexing(Fault):

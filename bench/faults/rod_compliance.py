@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 
 from bench.faults import Fault, rods
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 
 class RodCompliance(Fault):

@@ -8,8 +8,8 @@ import numpy as np
 
 from bench.commands import Row
 from bench.faults import Fault
-from bench.settings import Setting
 from pcalib import rotation
+from pcalib.settings import Setting
 
 
 class ToolCreep(Fault):
@@ -19,7 +19,7 @@ class ToolCreep(Fault):
     SETTINGS = (
         Setting(
             "turn", "angle", low=-0.1, high=0.1,
-            typical=(2e-4, 1e-4, 0.0), per="axis", about="ρ, rotation vector per decade of time",
+            typical=(2e-4, 1e-4, 0.0), count=3, about="ρ, rotation vector per decade of time",
         ),
         Setting("onset", "time", 60.0, 1e-3, 1e6, about="τ"),
     )

@@ -7,8 +7,8 @@ import numpy as np
 from bench.commands import Commands
 from bench.faults import Fault
 from bench.faults._dated import ROW
-from bench.settings import Setting
 from pcalib import rotation
+from pcalib.settings import Setting
 
 
 class TrackerBump(Fault):
@@ -21,11 +21,11 @@ class TrackerBump(Fault):
     SETTINGS = (
         Setting(
             "shift", "length", np.zeros(3), -0.01, 0.01,
-            typical=(3e-5, -2e-5, 3e-5), per="axis", about="v, how far its origin moves",
+            typical=(3e-5, -2e-5, 3e-5), count=3, about="v, how far its origin moves",
         ),
         Setting(
             "turn", "angle", np.zeros(3), -0.01, 0.01,
-            typical=(3e-5, 2e-5, -3e-5), per="axis", about="ω, by what rotation vector it turns",
+            typical=(3e-5, 2e-5, -3e-5), count=3, about="ω, by what rotation vector it turns",
         ),
         ROW,
     )  # fmt: skip

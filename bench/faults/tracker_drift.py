@@ -6,8 +6,8 @@ import numpy as np
 
 from bench.commands import Commands
 from bench.faults import Fault
-from bench.settings import Setting
 from pcalib import rotation
+from pcalib.settings import Setting
 
 
 class TrackerDrift(Fault):
@@ -20,11 +20,11 @@ class TrackerDrift(Fault):
     SETTINGS = (
         Setting(
             "v", "velocity", np.zeros(3), -1e-5, 1e-5,
-            typical=(1.5e-8, -1e-8, 2e-8), per="axis", about="velocity of the instrument's origin",
+            typical=(1.5e-8, -1e-8, 2e-8), count=3, about="velocity of the instrument's origin",
         ),
         Setting(
             "w", "angular_velocity", np.zeros(3), -1e-5, 1e-5,
-            typical=(1e-8, 2e-8, -1e-8), per="axis", about="rate of turn",
+            typical=(1e-8, 2e-8, -1e-8), count=3, about="rate of turn",
         ),
     )
     SIZES = ("v", "w")

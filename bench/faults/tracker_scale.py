@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.commands import Commands
 from bench.faults import Fault
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 
 class TrackerScale(Fault):

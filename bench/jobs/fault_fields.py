@@ -18,10 +18,10 @@ from bench.commands import Commands
 from bench.kinds import MODELS
 from bench.machine import Machine
 from bench.reach import reach
-from bench.settings import Setting
 from pcalib import files, units
 from pcalib import robot as robots
 from pcalib.robot import Robot
+from pcalib.settings import Setting
 
 DOCS = MODELS.parent / "docs"
 BEGIN, END = "<!-- faults: begin -->", "<!-- faults: end -->"
@@ -117,7 +117,8 @@ def describe(robot: Robot, name: str) -> str:
     physics = re.sub(r"[ \n]+", " ", (inspect.getdoc(fault) or "").replace("\n\n", "¶")).replace("¶", "\n\n")
     rows = []
     for setting in fault.settings(robot):
-        of = {"actuator": " (per drive)", "rod": " (per rod)", "axis": " (x, y, z)"}.get(setting.per, "")
+        each = {"actuator": " (per drive)", "rod": " (per rod)"}
+        of = each.get(setting.per, " (x, y, z)" if setting.count == 3 else "")
         usual = _shown(setting, setting.typical)
         rows.append(f"| `{_key(setting)}` | {setting.about}{of} | {usual} | {_default(setting)} |")
     table = "\n".join(["| setting | what | usual | default |", "|---|---|---|---|", *rows])

@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.settings import Setting
 from pcalib.errors import InputError, unknown
+from pcalib.settings import Setting
 
 STREAM = 0x1257
 """Keeps the draws of the instrument apart from all others of one seed."""

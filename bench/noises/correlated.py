@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.noises import Scene
 from bench.noises.white import White
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 
 class Correlated(White):

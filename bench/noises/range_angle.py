@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.noises import Noise, Scene
-from bench.settings import Setting
+from pcalib.settings import Setting
 
 
 class RangeAngle(Noise):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bench.noises import Noise, Scene
-from bench.settings import Setting
 from pcalib import rotation
+from pcalib.settings import Setting
 
 
 class Reflectors(Noise):
@@ -19,7 +19,7 @@ class Reflectors(Noise):
     SETTINGS = (
         Setting("sigma_reflector", "length", 15e-6, 0.0, 0.1, about="1σ per component of each reflector"),
         Setting("reflector_radius", "length", 0.08, 1e-3, 10.0, about="of the circle of three reflectors"),
-        Setting("reflector_centre", "length", np.zeros(3), per="axis", about="of that circle, plate frame"),
+        Setting("reflector_centre", "length", np.zeros(3), count=3, about="of that circle, plate frame"),
     )
 
     @property

@@ -8,13 +8,44 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pcalib.errors import InputError, unknown
 from pcalib.mechanics.mechanism import Mechanism
+from pcalib.settings import Setting
+
+LARGEST_LENGTH = 100.0
+"""[m] the largest dimension that is accepted; what is more is a wrong unit. The largest cable robots span 60 m."""
+SMALLEST_SIZE = 1e-4
+"""[m] the smallest rod, arm or spacing that is accepted: a tenth of the thinnest joint's diameter."""
+
+
+def size(name: str, low: float = SMALLEST_SIZE) -> Setting:
+    """A length that is more than zero."""
+    return Setting(name, "length", low=low, high=LARGEST_LENGTH)
+
+
+def radius(name: str) -> Setting:
+    """A radius, which may be zero."""
+    return size(name, 0.0)
+
+
+def offset(name: str) -> Setting:
+    """A coordinate, of either sign."""
+    return size(name, -LARGEST_LENGTH)
+
+
+def azimuths(name: str, count: int) -> Setting:
+    """A list of directions."""
+    return Setting(name, "angle", low=-2 * np.pi, high=2 * np.pi, count=count)
+
+
+def masses(*names: str) -> tuple[Setting, ...]:
+    """Masses of parts; 1e4 kg is ten times the heaviest plate of a flight simulator."""
+    return tuple(Setting(name, "mass", low=0.0, high=1e4) for name in names)
 
 
 @dataclass(frozen=True)
@@ -22,16 +53,12 @@ class Kind:
     """What a robot file of this kind holds, and how its mechanism is built."""
 
     name: str
-    dimensions: Mapping[str, str]
-    """[geometry] quantity → dimension ('length', 'angle', 'travel', 'none'); a list quantity ends with '[]'."""
+    dimensions: tuple[Setting, ...]
+    """The keys of [geometry], with their ranges."""
     build: Callable[[Mapping[str, Any]], Mechanism]
     """Mechanism of the [geometry] table in SI (lists as arrays)."""
-    joint_dimension: str = "angle"
-    masses: Mapping[str, str] = field(
-        default_factory=lambda: {"arm": "mass", "arm_com": "length", "rod": "mass", "plate": "mass"}
-    )
-    optional: frozenset[str] = frozenset()
-    """[geometry] quantities that a file may leave out."""
+    masses: tuple[Setting, ...] = (*masses("arm", "rod", "plate"), radius("arm_com"))
+    """The keys of [mass]."""
 
 
 def names() -> list[str]:
@@ -46,17 +73,5 @@ def get(name: str) -> Kind:
         InputError: no such kind.
     """
     if name not in names():
-        raise InputError(unknown("robot kind", name, names()), column="kind")
+        raise InputError(unknown("robot kind", name, names()), key="kind")
     return importlib.import_module(f"{__name__}.{name}").KIND
-
-
-def table(dimensions: Mapping[str, Any], quantity: str, count: int) -> np.ndarray:
-    """A list of the [geometry] table, of the right length.
-
-    Raises:
-        InputError: it has another length.
-    """
-    values = np.asarray(dimensions[quantity], float)
-    if values.shape != (count,):
-        raise InputError(f"[geometry] '{quantity}' needs {count} numbers, not {values.size}", column=quantity)
-    return values

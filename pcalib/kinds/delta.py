@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pcalib import rotation
-from pcalib.kinds import Kind, table
+from pcalib.kinds import Kind, azimuths, radius, size
 from pcalib.mechanics.actuation import Carriages, RotaryArms
 from pcalib.mechanics.layout import AS_DRAWN, EVERYTHING
 from pcalib.mechanics.mechanism import Level, Mechanism, Pose
@@ -18,7 +18,7 @@ _AXES = "xyz"
 
 def build(dimensions: Mapping[str, Any]) -> Mechanism:
     """A Delta from its nominal dimensions, 60 raw parameters: p(9) a(18) b(18) l(6) beta(9)."""
-    azimuth = table(dimensions, "axis_azimuth", 3)
+    azimuth = dimensions["axis_azimuth"]
     half = 0.5 * dimensions["rod_spacing"]
     arm = np.repeat(np.arange(3), 2)
     pairs = [f"{i + 1}{j + 1}" for i in range(3) for j in range(2)]
@@ -157,13 +157,13 @@ def simplified_pose(
 
 KIND = Kind(
     name="delta",
-    dimensions={
-        "base_radius": "length",
-        "arm_length": "length",
-        "rod_length": "length",
-        "plate_radius": "length",
-        "rod_spacing": "length",
-        "axis_azimuth[]": "angle",
-    },
+    dimensions=(
+        radius("base_radius"),
+        size("arm_length"),
+        size("rod_length"),
+        radius("plate_radius"),
+        size("rod_spacing"),
+        azimuths("axis_azimuth", 3),
+    ),
     build=build,
 )

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.kinds import Kind, table
+from pcalib.kinds import Kind, azimuths, radius, size
 from pcalib.mechanics.actuation import RotaryArms
 from pcalib.mechanics.layout import Block, Layout, arm_columns
 from pcalib.mechanics.mechanism import HingeColumns, Mechanism, Pose
@@ -25,7 +25,7 @@ SIDES = ("1", "2")
 
 def build(dimensions: Mapping[str, Any]) -> Mechanism:
     """An H4 from its nominal dimensions, 92 raw parameters: p(12) a(24) b(24) l(8) beta(12) hinge(6) tilt(6)."""
-    azimuth = table(dimensions, "axis_azimuth", 4)
+    azimuth = dimensions["axis_azimuth"]
     u = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1)
     v = np.stack([-np.sin(azimuth), np.cos(azimuth), 0 * azimuth], axis=-1)
     arm = np.repeat(np.arange(4), 2)
@@ -81,15 +81,15 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
 
 KIND = Kind(
     name="h4",
-    dimensions={
-        "base_radius": "length",
-        "base_spacing": "length",
-        "arm_length": "length",
-        "rod_length": "length",
-        "side_radius": "length",
-        "rod_spacing": "length",
-        "hinge_distance": "length",
-        "axis_azimuth[]": "angle",
-    },
+    dimensions=(
+        radius("base_radius"),
+        size("base_spacing"),
+        size("arm_length"),
+        size("rod_length"),
+        radius("side_radius"),
+        size("rod_spacing"),
+        size("hinge_distance"),
+        azimuths("axis_azimuth", 4),
+    ),
     build=build,
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.kinds import Kind, table
+from pcalib.kinds import Kind, azimuths, radius, size
 from pcalib.kinds.delta import simplified_pose
 from pcalib.mechanics.actuation import RotaryArms
 from pcalib.mechanics.layout import Block, Layout, arm_columns
@@ -18,7 +18,7 @@ ARMS = ("1", "2", "3", "4", "5", "6")
 
 def build(dimensions: Mapping[str, Any]) -> Mechanism:
     """A Hexa from its nominal dimensions: three pairs of arms, 78 raw parameters p(18) a(18) b(18) l(6) beta(18)."""
-    azimuth = np.repeat(table(dimensions, "axis_azimuth", 3), 2)
+    azimuth = np.repeat(dimensions["axis_azimuth"], 2)
     u = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1)
     v = np.stack([-np.sin(azimuth), np.cos(azimuth), 0 * azimuth], axis=-1)
     side = np.tile([-0.5, 0.5], 3)[:, None]
@@ -75,14 +75,14 @@ def six_arms(kind: str, layout: Layout, actuation: RotaryArms, u: np.ndarray, st
 
 KIND = Kind(
     name="hexa",
-    dimensions={
-        "base_radius": "length",
-        "base_spacing": "length",
-        "arm_length": "length",
-        "rod_length": "length",
-        "plate_radius": "length",
-        "plate_spacing": "length",
-        "axis_azimuth[]": "angle",
-    },
+    dimensions=(
+        radius("base_radius"),
+        size("base_spacing"),
+        size("arm_length"),
+        size("rod_length"),
+        radius("plate_radius"),
+        size("plate_spacing"),
+        azimuths("axis_azimuth", 3),
+    ),
     build=build,
 )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pcalib import rotation
-from pcalib.kinds import Kind, table
+from pcalib.kinds import Kind, azimuths, radius, size
 from pcalib.kinds.hexa import ARMS, arms, six_arms
 from pcalib.mechanics.layout import Block, Layout
 from pcalib.mechanics.mechanism import Mechanism, Pose
@@ -23,8 +23,8 @@ POINT = np.array([0, 0, 0, 1, 1, 2])
 
 def build(dimensions: Mapping[str, Any]) -> Mechanism:
     """A 321-Hexa from its nominal dimensions, 78 raw parameters p(18) a(18) b(18) l(6) beta(18)."""
-    azimuth = table(dimensions, "axis_azimuth", 6)
-    at = table(dimensions, "point_azimuth", 3)
+    azimuth = dimensions["axis_azimuth"]
+    at = dimensions["point_azimuth"]
     u = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1)
     v = np.stack([-np.sin(azimuth), np.cos(azimuth), 0 * azimuth], axis=-1)
     points = dimensions["plate_radius"] * np.stack([np.cos(at), np.sin(at), 0 * at], axis=-1)
@@ -89,13 +89,13 @@ def _trilaterate(
 
 KIND = Kind(
     name="hexa321",
-    dimensions={
-        "base_radius": "length",
-        "arm_length": "length",
-        "rod_length": "length",
-        "plate_radius": "length",
-        "axis_azimuth[]": "angle",
-        "point_azimuth[]": "angle",
-    },
+    dimensions=(
+        radius("base_radius"),
+        size("arm_length"),
+        size("rod_length"),
+        radius("plate_radius"),
+        azimuths("axis_azimuth", 6),
+        azimuths("point_azimuth", 3),
+    ),
     build=build,
 )

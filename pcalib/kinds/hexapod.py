@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.kinds import Kind, table
+from pcalib.kinds import Kind, azimuths, masses, offset, radius
 from pcalib.mechanics.actuation import Legs
 from pcalib.mechanics.layout import Block, Layout
 from pcalib.mechanics.mechanism import Mechanism, Pose
+from pcalib.settings import ABSENT, Setting
 
 LEGS = ("1", "2", "3", "4", "5", "6")
 
@@ -22,8 +23,8 @@ LEGS = ("1", "2", "3", "4", "5", "6")
 def build(dimensions: Mapping[str, Any]) -> Mechanism:
     """A hexapod from its nominal dimensions: 48 raw parameters p(18) b(18) l(6) s(6), all seen by full poses."""
     home = np.array([0.0, 0.0, dimensions["home_height"]])
-    p = _circle(dimensions["base_radius"], table(dimensions, "base_azimuth", 6))
-    b = _circle(dimensions["plate_radius"], table(dimensions, "plate_azimuth", 6))
+    p = _circle(dimensions["base_radius"], dimensions["base_azimuth"])
+    b = _circle(dimensions["plate_radius"], dimensions["plate_azimuth"])
     layout = Layout.of(
         Block("p", LEGS, p),
         Block("b", LEGS, b),
@@ -43,7 +44,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         actuator_dimension="angle" if motors else "length",
         actuator=np.arange(6),
         actuation=Legs(
-            travel=table(dimensions, "leg_travel", 6) if motors else np.ones(6),
+            travel=dimensions["leg_travel"] if motors else np.ones(6),
             p=layout.vectors("p", LEGS),
             length=layout.numbers("l", LEGS),
             scale=layout.numbers("s", LEGS),
@@ -73,16 +74,14 @@ def _home(home: np.ndarray, n: int) -> Pose:
 
 KIND = Kind(
     name="hexapod",
-    dimensions={
-        "base_radius": "length",
-        "plate_radius": "length",
-        "home_height": "length",
-        "base_azimuth[]": "angle",
-        "plate_azimuth[]": "angle",
-        "leg_travel[]": "travel",
-    },
-    optional=frozenset({"leg_travel"}),
+    dimensions=(
+        radius("base_radius"),
+        radius("plate_radius"),
+        offset("home_height"),
+        azimuths("base_azimuth", 6),
+        azimuths("plate_azimuth", 6),
+        Setting("leg_travel", "travel", ABSENT, -1.0, 1.0, count=6),
+    ),
     build=build,
-    joint_dimension="length",
-    masses={"rod": "mass", "plate": "mass"},
+    masses=masses("rod", "plate"),
 )

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.kinds import Kind, table
+from pcalib.kinds import Kind, azimuths, masses, radius, size
 from pcalib.kinds.delta import simplified_pose
 from pcalib.mechanics.actuation import Carriages
 from pcalib.mechanics.layout import Block, Layout, along
@@ -22,7 +22,7 @@ PAIRS = tuple(f"{i}{j}" for i in TOWERS for j in "12")
 
 def build(dimensions: Mapping[str, Any]) -> Mechanism:
     """A linear Delta from its nominal dimensions, 63 raw parameters: p(9) a(18) b(18) l(6) beta(9) s(3)."""
-    azimuth = table(dimensions, "tower_azimuth", 3)
+    azimuth = dimensions["tower_azimuth"]
     v = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=-1)
     u = np.stack([np.sin(azimuth), -np.cos(azimuth), 0 * azimuth], axis=-1)
     tower = np.repeat(np.arange(3), 2)
@@ -102,14 +102,13 @@ def _levels(layout: Layout, u: np.ndarray, v: np.ndarray, radius: float) -> dict
 
 KIND = Kind(
     name="linear_delta",
-    dimensions={
-        "tower_radius": "length",
-        "plate_radius": "length",
-        "rod_length": "length",
-        "rod_spacing": "length",
-        "tower_azimuth[]": "angle",
-    },
+    dimensions=(
+        radius("tower_radius"),
+        radius("plate_radius"),
+        size("rod_length"),
+        size("rod_spacing"),
+        azimuths("tower_azimuth", 3),
+    ),
     build=build,
-    joint_dimension="length",
-    masses={"carriage": "mass", "rod": "mass", "plate": "mass"},
+    masses=masses("carriage", "rod", "plate"),
 )

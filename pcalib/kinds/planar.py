@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.kinds import Kind
+from pcalib.kinds import Kind, masses, offset, size
 from pcalib.mechanics.layout import AS_DRAWN, EVERYTHING
 from pcalib.mechanics.mechanism import BaseSide, Level, Mechanism, Pose
 
@@ -115,7 +115,7 @@ def _start(k: np.ndarray, q: np.ndarray) -> Pose:
 
 KIND = Kind(
     name="planar",
-    dimensions={name: "length" for name in PARAMETERS if name != "q0"},
+    dimensions=tuple((size if name in ("l1", "l2") else offset)(name) for name in PARAMETERS if name != "q0"),
     build=build,
-    masses={"rod": "mass", "plate": "mass"},
+    masses=masses("rod", "plate"),
 )

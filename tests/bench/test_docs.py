@@ -11,8 +11,8 @@ from bench.instrument import SETTINGS
 from bench.jobs import fault_fields
 from bench.kinds import MODELS
 from bench.machine import Machine
-from bench.settings import Setting
 from pcalib import robot as robots
+from pcalib.settings import Setting
 
 ROBOT = robots.load(MODELS / "delta.toml")
 TEXT = (fault_fields.DOCS / "bench.md").read_text(encoding="utf-8")

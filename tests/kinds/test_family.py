@@ -348,7 +348,7 @@ def test_levels_say_what_they_let_vary_in_words_of_this_robot(name):
 @pytest.mark.parametrize(
     ("name", "old", "new", "says"),
     [
-        ("hexa", "[60.0, 180.0, 300.0]", "[60.0, 180.0]", "'axis_azimuth' needs 3 numbers, not 2"),
+        ("hexa", "[60.0, 180.0, 300.0]", "[60.0, 180.0]", "'axis_azimuth_deg' must be a list of 3 numbers"),
         ("hexapod", "min_mm", "min_deg", "'deg' is not a unit of length"),
         ("linear_delta", "rod_spacing_mm = 50.0", "", "'rod_spacing' is missing"),
         ("hexapod", "yaw_deg", "yaw_mm", "'mm' is not a unit of angle"),

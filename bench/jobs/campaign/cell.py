@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from bench import faults, settings
+from bench import faults
 from bench import plan as plans
 from bench.instrument import Instrument
 from bench.jobs.campaign import geometry
 from bench.jobs.campaign.geometry import Geometry
 from bench.jobs.campaign.random_faults import RandomFault
-from bench.settings import Setting
-from pcalib import compensation, units
+from pcalib import compensation, settings, units
 from pcalib import robot as robots
-from pcalib.errors import EffectError, InputError, unknown
+from pcalib.errors import Code, EffectError, InputError, unknown
 from pcalib.fitting import identification
 from pcalib.robot import Robot
+from pcalib.settings import Setting
 
 PLANS = (*plans.NAMES, "d-optimal")
 PLAN = (
@@ -219,8 +219,8 @@ def methods(tables: Sequence[Mapping[str, Any]], robot: Robot) -> tuple[Method, 
         try:
             values = settings.read(given, METHOD, where, {})
         except InputError as error:
-            if "unknown key" in error.problem:  # 'effects' is a list, which settings do not know
-                raise InputError(error.problem + ", effects", column=error.column) from None
+            if error.code is Code.UNKNOWN_KEY:  # 'effects' is a list, which settings do not know
+                raise error.but(problem=f"{error.problem}, effects") from None
             raise
         levels = robot.mechanism.levels
         if not values["level"]:
@@ -322,7 +322,7 @@ def _tools(
     try:
         found = units.resolve(keys, {"tools": "length"})
     except InputError as error:
-        raise InputError(f"[{where}] {error.problem}", column="tools", remedy=error.remedy) from None
+        raise error.but(problem=f"[{where}] {error.problem}", section=where) from None
     rest = {key: value for key, value in table.items() if key not in keys}
     if not found:
         return rest, np.array([[0.0, 0.0, -h] for h in default])

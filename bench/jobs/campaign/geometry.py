@@ -25,11 +25,12 @@ from typing import Any
 
 import numpy as np
 
-from bench import settings, truth
-from bench.settings import Setting
+from bench import truth
+from pcalib import settings
 from pcalib.data import table as tables
 from pcalib.errors import InputError
 from pcalib.robot import Robot
+from pcalib.settings import Setting
 
 DISTRIBUTIONS = ("normal", "uniform", "listed")
 SIGMAS = (

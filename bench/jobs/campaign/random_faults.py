@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from bench import faults, settings
+from bench import faults
 from bench.faults import Fault
+from pcalib import settings
 from pcalib.errors import InputError, unknown
 from pcalib.robot import Robot
 

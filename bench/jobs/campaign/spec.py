@@ -13,16 +13,15 @@ from typing import Any
 import tomli_w
 
 from bench import plan as plans
-from bench import settings
 from bench.jobs.campaign import cell, samples, sweep
 from bench.jobs.campaign.cell import Cell, Output, Regress
 from bench.jobs.campaign.geometry import load_listed
 from bench.jobs.campaign.sweep import Point
 from bench.kinds import MODELS
-from bench.settings import Setting
-from pcalib import files
+from pcalib import files, settings
 from pcalib import robot as robots
 from pcalib.errors import InputError, unknown
+from pcalib.settings import Setting
 
 SCHEMA = "pcbench.campaign/1"
 FORM = "see docs/scale.md for the form"
@@ -90,12 +89,8 @@ def load(path: str | Path) -> Campaign:
     text = files.read_text(path)
     table = files.parse_toml(text, path, FORM)
     try:
-        return parse(json.dumps(_inlined(table, Path(path).parent)))
-    except InputError as error:
-        if error.file is not None:
-            raise
-        line = _line_of(text, error.column)
-        raise InputError(error.problem, file=path, line=line, remedy=error.remedy or FORM) from None
+        with files.locating(text, path, FORM):
+            return parse(json.dumps(_inlined(table, Path(path).parent)))
     except TypeError:
         raise InputError("dates and times have no place in a spec", file=path, remedy=FORM) from None
 
@@ -146,20 +141,20 @@ def _check(campaign: Campaign, steps: tuple[tuple[Point, ...], ...]) -> None:
             _require_enough(campaign, cell.read(sweep.applied(campaign.table, point)))
         except InputError as error:
             if where == "" and steps:
-                _unswept(campaign, error.problem)
+                _unswept(campaign, error)
             if not told:
                 raise
             values = ", ".join(f"{path} = {json.dumps(v)}" for path, v in told.items())
             problem = f"[{where or 'sweep'}] {values} is impossible: {error.problem}"
-            raise InputError(problem, column=error.column, remedy=error.remedy) from None
+            raise error.but(problem=problem) from None
 
 
-def _unswept(campaign: Campaign, problem: str) -> None:
+def _unswept(campaign: Campaign, found: InputError) -> None:
     """Raise where the spec is wrong in the same way without its sweeps."""
     try:
         cell.read(campaign.table)
     except InputError as error:
-        if error.problem == problem:
+        if (error.section, error.key, error.column) == (found.section, found.key, found.column):
             raise
 
 
@@ -226,13 +221,3 @@ def _planned(table: dict[str, Any], robot: Any, folder: Path) -> dict[str, Any]:
         raise InputError(f"[plan] file {name!r} does not exist beside the spec", column="file")
     made = plans.make(robots.parse(tomli_w.dumps(robot), "robot"), folder / name)
     return {**table, "listed": samples.as_lists(made)}
-
-
-def _line_of(text: str, key: str | None) -> int | None:
-    """Line on which a key is written, for messages."""
-    if key is None:
-        return None
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.strip().lstrip("[").replace('"', "").startswith(key):
-            return number
-    return None

@@ -1,6 +1,8 @@
-"""Settings of faults and instruments: named, with a dimension, a range and a default, read strictly from TOML.
+"""Settings of TOML files: named, with a dimension, a range and a default, and read strictly.
 
-Like all files of the project, a truth file names the unit of every quantity: ``gap_um = 12``, ``gap_mm = 0.012``.
+Robot files, truth files and campaign specs are read by this one reader. All of them name the unit of every quantity:
+``gap_um = 12`` or ``gap_mm = 0.012``. (A typed reader such as msgspec cannot know keys that end with any unit, nor the
+nearest accepted name, nor the line; its messages would have to be translated by as much code as stands here.)
 """
 
 from __future__ import annotations
@@ -13,10 +15,14 @@ from typing import Any
 import numpy as np
 
 from pcalib import units
-from pcalib.errors import InputError, unknown
+from pcalib.errors import Code, InputError, unknown
 
 REQUIRED = None
 """Default of a setting that must be given."""
+ABSENT = object()
+"""Default of a setting that has no value where it is not given: `read` leaves it out."""
+ANY = -1
+"""As the count of a setting: a list of any length."""
 
 
 @dataclass(frozen=True)
@@ -29,16 +35,19 @@ class Setting:
     default: Any = REQUIRED
     """[SI]"""
     low: float = -np.inf
-    """[SI] smallest sensible value; a number outside low…high is refused."""
+    """[SI] smallest value that is accepted,"""
     high: float = np.inf
+    """and the largest."""
     per: str = ""
-    """'actuator' or 'rod': one number each, or one for all; 'axis': three numbers; '': one number."""
+    """'actuator' or 'rod': one number each, or one number for all; '': one number, or a list of `count`."""
+    count: int = 0
+    """How many numbers a list has; 0: the setting is one number, `ANY`: a list of any length."""
     typical: Any = None
     """[SI] usual size, one number for all of a 'per'; None: the default."""
     words: tuple[str, ...] = ()
     """Accepted values of a 'word'."""
     about: str = ""
-    """What it is, in a few words."""
+    """What the setting is, in a few words."""
 
     @property
     def spellings(self) -> str:
@@ -46,55 +55,61 @@ class Setting:
         return units.spellings(self.name, self.dimension) or self.name
 
 
+def section(table: Mapping[str, Any], name: str, settings: Sequence[Setting]) -> dict[str, Any]:
+    """Values in SI of the section [name] of a TOML file.
+
+    Raises:
+        InputError: there is no such section, or a key of it is wrong.
+    """
+    found = table.get(name)
+    if not isinstance(found, Mapping):
+        keys = ", ".join(s.name for s in settings)
+        said = "is missing" if found is None else "must be a section"
+        raise InputError(f"section [{name}] {said}", key=name, remedy=f"write [{name}] with {keys}, each with its unit")
+    return read(found, settings, name)
+
+
 def read(
-    table: Mapping[str, Any], settings: Sequence[Setting], where: str, counts: Mapping[str, int]
+    table: Mapping[str, Any], settings: Sequence[Setting], where: str, counts: Mapping[str, int] = {}
 ) -> dict[str, Any]:
     """Values in SI of one TOML table: every setting once, defaults where absent, nothing else.
 
     Args:
-        where: the table's name, for messages.
+        where: the section's name, for messages.
         counts: how many numbers a setting 'per' something has.
 
     Raises:
-        InputError: a key that is unknown, missing, without unit, of the wrong type or out of range.
+        InputError: a key is unknown, missing, without unit, of the wrong type or out of range.
     """
     dimensioned = {s.name: s.dimension for s in settings if _has_unit(s)}
     plain = {s.name for s in settings if not _has_unit(s)}
     try:
         found = units.resolve([key for key in table if key not in plain], dimensioned, where="key")
     except InputError as error:
-        # Where in the file: the key that the message quotes first.
-        raise InputError(f"[{where}] {error.problem}", column=_quoted(error.problem), remedy=error.remedy) from None
+        raise error.but(problem=f"[{where}] {error.problem}", section=where) from None
     found |= {name: (name, 1.0) for name in plain if name in table}
     used = {key for key, _ in found.values()}
     for key in table:
         if key not in used:
             accepted = [name for s in settings for name in s.spellings.split(", ")]
-            raise InputError(f"[{where}] {unknown('key', key, accepted)}", column=key)
+            problem = f"[{where}] {unknown('key', key, accepted)}"
+            raise InputError(problem, code=Code.UNKNOWN_KEY, section=where, key=key)
     out: dict[str, Any] = {}
     for setting in settings:
         if setting.name in found:
             key, factor = found[setting.name]
             out[setting.name] = _value(setting, key, table[key], factor, where, counts)
         elif setting.default is REQUIRED:
-            missing = f"[{where}] '{setting.name}' is missing"
-            raise InputError(missing, column=where, remedy=f"write one of {setting.spellings}")
-        else:
+            problem, remedy = f"[{where}] '{setting.name}' is missing", f"write one of {setting.spellings}"
+            raise InputError(problem, section=where, key=setting.name, remedy=remedy)
+        elif setting.default is not ABSENT:
             out[setting.name] = spread(setting, setting.default, counts)
     return out
 
 
 def is_number(value: Any) -> bool:
     """Whether a value from TOML is a finite number."""
-    try:
-        return not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value)
-    except OverflowError:  # TOML's whole numbers have no end
-        return False
-
-
-def _quoted(text: str) -> str | None:
-    """The first word in quotes."""
-    return text.split("'")[1] if text.count("'") > 1 else None
+    return not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value)
 
 
 def write(values: Mapping[str, Any], settings: Sequence[Setting]) -> dict[str, Any]:
@@ -126,8 +141,9 @@ def _has_unit(setting: Setting) -> bool:
 
 
 def _value(setting: Setting, key: str, raw: Any, factor: float, where: str, counts: Mapping[str, int]) -> Any:
-    def wrong(what: str) -> InputError:
-        return InputError(f"[{where}] '{key}' must be {what}, not {raw!r}", column=key)
+    def wrong(what: str, remedy: str = "") -> InputError:
+        problem = f"[{where}] '{key}' must be {what}, not {raw!r:.80}"
+        return InputError(problem, section=where, key=key, remedy=remedy)
 
     if setting.dimension == "flag":
         if not isinstance(raw, bool):
@@ -138,26 +154,29 @@ def _value(setting: Setting, key: str, raw: Any, factor: float, where: str, coun
             raise wrong("one of " + ", ".join(f'"{w}"' for w in setting.words) if setting.words else "text")
         return raw
     many = isinstance(raw, list)
-    count = counts.get(setting.per, 1)
     numbers = raw if many else [raw]
-    if not all(is_number(v) for v in numbers):
-        raise wrong("a number" if count == 1 else f"a number or a list of {count} numbers")
-    if (many and len(numbers) != count) or (setting.per == "axis" and not many):
-        raise wrong(f"a list of {count} numbers" if count > 1 else "a number")
+    count = setting.count or counts.get(setting.per, 1)
+    form = "a list of numbers" if count == ANY else f"a list of {count} numbers" if count > 1 else "a number"
+    fine = count in (ANY, len(numbers)) and (setting.per or setting.count) if many else not setting.count
+    if not fine or not all(map(is_number, numbers)):
+        raise wrong(f"a number or {form}" if setting.per and count > 1 else form)
     if setting.dimension == "whole" and any(v != int(v) for v in numbers):
-        raise wrong("a whole number")
+        raise wrong("a whole number" if not many else "a list of whole numbers")
     si = np.array(numbers, float) * factor
     if (si < setting.low).any() or (si > setting.high).any():
         low, high = setting.low / factor, setting.high / factor
         bounds = f"at least {low:g}" if np.isinf(high) else f"from {low:g} to {high:g}"
-        raise InputError(f"[{where}] '{key}' must be {bounds}, not {raw!r}", column=key)
+        degrees = f"write {setting.name}_deg if these are degrees" if key.endswith("_rad") else ""
+        raise wrong(bounds, degrees)
     return spread(setting, si if many else float(si[0]), counts)
 
 
 def spread(setting: Setting, value: Any, counts: Mapping[str, int]) -> Any:
-    """One array per setting with 'per', whatever was given; whole numbers as int."""
+    """A value as `read` gives it: one array per setting with 'per', whatever was given; whole numbers as int."""
     if setting.per:
         return np.broadcast_to(np.asarray(value, float), (counts[setting.per],)).copy()
+    if setting.count:
+        return np.array(value, float)
     if setting.dimension == "whole":
         return int(value)
     return float(value) if isinstance(value, np.number) else value
