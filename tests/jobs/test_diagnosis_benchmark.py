@@ -3,16 +3,19 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bench import noises
 from bench.jobs import blind
 from bench.jobs.diagnosis_benchmark import cells as asked
-from bench.jobs.diagnosis_benchmark import figures, report, trial
+from bench.jobs.diagnosis_benchmark import figures, report, rows, trial
 from bench.jobs.diagnosis_benchmark.cells import Cell
 from bench.jobs.diagnosis_benchmark.results import Results
+from bench.jobs.diagnosis_benchmark.rows import noise
 from bench.jobs.diagnosis_benchmark.trial import Trial
 from bench.jobs.hidden.catalogue import CATALOGUE, UNLISTED
 from bench.jobs.hidden.design import DESIGNS
@@ -48,7 +51,8 @@ def test_a_cell_repeats_itself():
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     folder = tmp_path_factory.mktemp("benchmark")
-    code = report.main(["--quick", "--workers", "1", "--json", str(folder / "b.json"), "--out", str(folder)])
+    options = ["--quick", "--workers", "1", "--json", str(folder / "b.json"), "--out", str(folder)]
+    code = report.main([*options, "--rows", *report.PARTS])
     return code, json.loads((folder / "b.json").read_text())
 
 
@@ -131,9 +135,59 @@ def test_figures_are_drawn_and_small(tmp_path):
 
 
 def test_what_cannot_be_run_is_refused(capsys):
-    assert report.main(["--part", "nobody"]) == 2
-    assert "accepted: none, single, pair, outside, add" in capsys.readouterr().err
+    assert report.main(["--rows", "nobody"]) == 2
+    assert "unknown row 'nobody'" in capsys.readouterr().err
+    assert report.main(["--rows", "noise.pink"]) == 2
+    assert "unknown variant of row noise 'pink'" in capsys.readouterr().err
+    assert report.main(["--replay", "noise.white"]) == 2
     assert report.main(["--workers", "0"]) == 2
+
+
+# -- rows beside hidden faults -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", rows.names())
+def test_a_row_asks_its_bounds_and_repeats_itself(name):
+    """One set of one variant; the others differ by their settings."""
+    row = rows.get(name)
+    assert sum(row.variants.values()) >= 200
+    [task] = replace(row, variants=dict(list(row.variants.items())[:1])).tasks(1)
+    one, two = (rows.run(task, 3)[0].to_json() | {"seconds": 0} for _ in range(2))
+    assert one == two and one["set"] == f"{task.name}#0" and one["said"] and set(one["hits"]) <= set(row.bounds)
+    again = rows.replay(one["set"], 3)
+    assert again.about == one["about"]
+
+
+def test_noise_of_every_sort_is_asked_on_every_kind():
+    asked_noises = {v.design.instrument_settings.get("noise", "white") for v in noise.VARIANTS.values()}
+    assert asked_noises == set(noises.names())
+    kinds = {robots.load(path).kind for path in (ROOT / "models").glob("*.toml")}
+    assert {kind for v in noise.VARIANTS.values() for kind in v.kinds} == kinds
+
+
+@pytest.mark.parametrize("variant", noise.VARIANTS)
+def test_every_variant_of_noise_makes_data(variant):
+    task = rows.Task("noise", variant, 0, 1)
+    [made] = list(rows.get("noise").sets(task, task.generator(0)))
+    assert len(made.data) >= 8 and made.data.sigma_stated
+
+
+def test_lines_count_the_sets_that_were_asked():
+    outcomes = [
+        rows.Outcome("noise.white/0#0", "", "", {"alarm": True, "wrong": False}, 0.0),
+        rows.Outcome("noise.white/0#1", "", "", {"alarm": False, "wrong": False}, 0.0),
+        rows.Outcome("noise.heavy_tails/0#0", "", "", {}, 0.0),
+        rows.Outcome("steps.motor_slip/0#0", "", "", {"row": True}, 0.0),
+    ]
+    counted = {line.name: (line.hits, line.n) for line in rows.lines(outcomes)}
+    assert counted == {"noise.white.alarm": (1, 2), "noise.white.wrong": (0, 2), "steps.motor_slip.row": (1, 1)}
+
+
+def test_a_set_is_written_by_its_name(tmp_path):
+    assert report.main(["--replay", "noise.few_contacts/1#2", "--out", str(tmp_path)]) == 0
+    model, data = str(tmp_path / "model.toml"), str(tmp_path / "data.csv")
+    assert pcalib(["inspect", data, "--robot", str(tmp_path / "robot.toml")]) == 0
+    assert pcalib(["compare", data, "--model", model]) == 0
 
 
 def test_a_blind_set_goes_through_the_commands(tmp_path):

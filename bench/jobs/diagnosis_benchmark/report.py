@@ -7,59 +7,92 @@ import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 
 from bench import pool
 from bench.jobs.diagnosis_benchmark import cells as asked
 from bench.jobs.diagnosis_benchmark import figures, trial
+from bench.jobs.diagnosis_benchmark import rows as made_by
 from bench.jobs.diagnosis_benchmark.cells import Cell
 from bench.jobs.diagnosis_benchmark.results import Results
+from bench.jobs.diagnosis_benchmark.rows import Outcome
 from bench.jobs.diagnosis_benchmark.trial import Trial
+from bench.jobs.hidden.grading import Line
+from pcalib import files, modelfile
 from pcalib import robot as robots
 from pcalib.cli import frame
-from pcalib.errors import InputError
+from pcalib.data import measurement
+from pcalib.errors import InputError, unknown
 
 ROOT = Path(__file__).resolve().parents[3]
 WORKERS = 2
+SHOWN = 4
+"""Data sets that are named for each bound they speak against."""
+
+
+PARTS = ("none", "single", "pair", "outside", "add")
+"""Rows of hidden faults; the others are files of `rows`."""
 
 
 def command(
     *, seed: int = 0, out: Path = Path("out/diagnosis_benchmark"), json: frame.JsonOption = None,
-    robot: Path | None = None, workers: int = WORKERS, part: tuple[str, ...] = (), quick: bool = False,
+    robot: Path | None = None, workers: int = WORKERS,
+    rows: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())] = (),
+    n: Annotated[int | None, Parameter(name="-n")] = None, replay: str | None = None, quick: bool = False,
 ) -> int:  # fmt: skip
     """Hide effects in MuJoCo's robots, diagnose the data, and compare the rates with the bounds.
 
     Nothing, one effect, two, and effects of no library, at visible sizes from 3 to 20 noise units; rich and plain
     plans, full poses and positions only, noise stated right and wrong. Then effects are added, and the compensated
-    robots land in MuJoCo with their faults still in them. Exit code 1 where a bound is missed by more than chance.
+    robots land in MuJoCo with their faults still in them. Further rows: noise as instruments make it, steps, held-out
+    rows that must be heard, agreement of the commands, coverage of intervals. Exit code 1 where a bound is missed by
+    more than chance.
 
     Args:
         seed: The same seed gives the same data.
-        out: Folder for the figures.
-        robot: Robot file; the default Delta where absent.
+        out: Folder for the figures, and for the data set of --replay.
+        robot: Robot file for hidden faults; the default Delta where absent.
         workers: Processes.
-        part: Only these parts: none, single, pair, outside, add.
+        rows: Only these rows: none, single, pair, outside, add, noise, steps, held_out, agreement, coverage …; or one
+            variant of a row, such as noise.correlated.
+        n: Only so many data sets of each variant of a row.
+        replay: Write one data set by its name, such as noise.white/7#2, with its model and robot, and diagnose nothing.
         quick: A few data sets, to see that everything runs.
     """
-    if workers < 1 or seed < 0:
-        raise InputError(f"--workers {workers} --seed {seed}: use positive numbers")
+    if workers < 1 or seed < 0 or (n is not None and n < 1):
+        raise InputError(f"--workers {workers} --seed {seed} -n {n}: use positive numbers")
+    if replay is not None:
+        return _replayed(replay, seed, out)
     tried = robots.load(robot or ROOT / "models" / "delta.toml")
-    todo = [cell for cell in asked.cells(tried, quick) if not part or cell.part in part]
-    if not todo:
-        raise InputError(f"--part {' '.join(part)}: no such part", remedy="accepted: none, single, pair, outside, add")
-    begun, found = time.monotonic(), []
-    with frame.progress("diagnoses", sum(cell.trials for cell in todo)) as advance:
-        for cell, trials in zip(todo, pool.ordered(partial(_one, tried.text, seed), todo, workers), strict=True):
+    cells = [cell for cell in asked.cells(tried, quick) if not rows or cell.part in rows]
+    for name in rows:
+        if name not in PARTS and name.partition(".")[0] not in made_by.names():
+            raise InputError(f"--rows: {unknown('row', name, [*PARTS, *made_by.names()])}")
+    tasks = made_by.tasks([r for r in rows if r not in PARTS] if rows else made_by.names(), 1 if quick else n)
+    begun = time.monotonic()
+    found: list[Trial] = []
+    outcomes: list[Outcome] = []
+    with frame.progress("diagnoses", sum(c.trials for c in cells) + sum(t.sets for t in tasks)) as advance:
+        for cell, trials in zip(cells, pool.ordered(partial(_one, tried.text, seed), cells, workers), strict=True):
             found += trials
             advance(cell.trials)
+        for task, judged in zip(tasks, pool.ordered(partial(made_by.run, seed=seed), tasks, workers), strict=True):
+            outcomes += judged
+            advance(task.sets)
     results = Results(tuple(found), seed, time.monotonic() - begun)
-    show(results)
-    if not part and not quick:
+    lines = [*results.lines, *made_by.lines(outcomes)]
+    show(results, lines, len(outcomes))
+    _show_outcomes(outcomes)
+    if not rows and not quick:
         for path in figures.save(results, out):
             print(path)
-    frame.write_json(json, results.to_json())
-    broken = [line for line in results.lines if line.verdict == "falls short"]
+    content = results.to_json()
+    content["bounds"] = [line.to_json() for line in lines]
+    frame.write_json(json, content | {"sets": [outcome.to_json() for outcome in outcomes]})
+    broken = [line for line in lines if line.verdict == "falls short"]
     return frame.NOT_HELD if broken and not quick else frame.OK
 
 
@@ -67,22 +100,47 @@ def _one(text: str, seed: int, cell: Cell) -> list[Trial]:
     return trial.run(robots.parse(text, "robot"), seed, cell)
 
 
-def show(found: Results) -> None:
+def _replayed(name: str, seed: int, out: Path) -> int:
+    made = made_by.replay(name, seed)
+    out.mkdir(parents=True, exist_ok=True)
+    measurement.save(out / "data.csv", made.data)
+    modelfile.save(out / "model.toml", made.model)
+    files.write_text(out / "robot.toml", made.model.robot.text)
+    frame.say(f"{out}: data.csv, model.toml and robot.toml of {name} ({made.about})")
+    return frame.OK
+
+
+def _show_outcomes(outcomes: Sequence[Outcome]) -> None:
+    """Print the sets that speak against a bound, the first of each line."""
+    rows = []
+    for line in made_by.lines(outcomes):
+        if not line.n:
+            continue
+        key = line.name.rpartition(".")[2]
+        mine = [o for o in outcomes if line.name.startswith(o.name.partition("/")[0] + ".")]
+        against = [o for o in mine if o.hits.get(key) is line.at_most]
+        rows += [(o.name, key, o.about, o.said) for o in against[:SHOWN]]
+    if rows:
+        frame.show_table(("data set (--replay)", "against", "what is in it", "what was said"), rows)
+
+
+def show(found: Results, lines: Sequence[Line], sets: int = 0) -> None:
     """Print the tables."""
-    lines = [line for line in found.lines if line.n]
+    lines = [line for line in lines if line.n]
     held = sum(line.holds for line in lines)
     frame.say(
-        f"{len(found.trials)} diagnoses in {found.seconds / 60:.1f} minutes; {held} of {len(lines)} bounds hold"
+        f"{len(found.trials) + sets} data sets in {found.seconds / 60:.1f} minutes; {held} of {len(lines)} bounds hold"
         + "".join(f"; {line.verdict}: {line.name}" for line in lines if not line.holds)
         + "."
     )
     frame.show_table(
-        ("", "bound", "figure", "of", "verdict"),
+        ("", "bound", "figure", "±σ", "of", "verdict"),
         [
             (
                 line.what,
                 f"{'≤' if line.at_most else '≥'} {100 * line.bound:g} %",
                 f"{100 * line.rate:.1f} %",
+                f"{100 * line.sigma:.1f}",
                 line.n,
                 line.verdict,
             )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +37,10 @@ class Design:
     """[m] the σ there is, per component."""
     sigma_rot: float = 60e-6
     """[rad]"""
+    apart: bool = False
+    """Whether replicates come at random times of the session, and not back to back."""
+    instrument_settings: Mapping[str, Any] = field(default_factory=dict)
+    """Further settings of the instrument, SI: the sort of its noise and what the file states of it."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -53,7 +59,8 @@ class Design:
         kind = "pose" if self.rotations else "position"
         if not noisy:
             return Instrument(kind=kind)
-        return Instrument(kind=kind, sigma_pos=self.sigma_pos, sigma_rot=self.sigma_rot)
+        settings = {"sigma_pos": self.sigma_pos, "sigma_rot": self.sigma_rot} | dict(self.instrument_settings)
+        return Instrument(kind=kind, **settings)
 
 
 DESIGNS = {

@@ -146,6 +146,12 @@ class Line:
         return self.hits / self.n if self.n else float("nan")
 
     @property
+    def sigma(self) -> float:
+        """1σ of the rate; where it is 0 or 1 that of one hit more or less."""
+        seen = min(max(self.hits, 1), self.n - 1) / self.n if self.n > 1 else 0.5
+        return float((seen * (1 - seen) / max(self.n, 1)) ** 0.5)
+
+    @property
     def holds(self) -> bool:
         """Whether the rate itself keeps the bound."""
         return self.n > 0 and (self.rate <= self.bound if self.at_most else self.rate >= self.bound)
@@ -174,7 +180,7 @@ class Line:
         """Stable keys."""
         return {
             "name": self.name, "what": self.what, "bound": self.bound, "at_most": self.at_most, "hits": self.hits,
-            "n": self.n, "rate": self.rate, "p_if_at_bound": self.chance, "verdict": self.verdict,
+            "n": self.n, "rate": self.rate, "sigma": self.sigma, "p_if_at_bound": self.chance, "verdict": self.verdict,
         }  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from bench.faults import Fault
 from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.catalogue import Hidden
 from bench.jobs.hidden.design import Design
+from bench.simulate import DataSet
 from bench.truth import Truth
 from pcalib import effects, rotation
 from pcalib.data.measurement import Measurements
@@ -98,6 +99,8 @@ class Stage:
         plan = plans.make(robot, design.plan, design.rows, check=design.check, tools=design.tools, seed=seed)
         if design.interleaved:
             plan = _interleaved(plan, seed)
+        if design.apart:
+            plan = _shuffled(plan, seed)
         errors = truths.draw_errors(robot, SIGMA_LENGTH, SIGMA_ANGLE, seed)
         known = (faults.make(robot, "drive_compliance", catalogue.BELTS),) if companion else ()
         return cls(design, robot, errors, plan, known)
@@ -110,9 +113,13 @@ class Stage:
         """Where MuJoCo puts the robot for every row of the plan."""
         return self.truth(hidden).machine().run(self.plan.commands)
 
+    def measured(self, hidden: Sequence[Fault], landing: Landing, seed: int) -> DataSet:
+        """The data set of a landing: noise drawn afresh, σ stated as the instrument states it."""
+        return simulate.run(self.truth(hidden), self.plan, seed, machine=Replay(landing))
+
     def measure(self, hidden: Sequence[Fault], landing: Landing, seed: int) -> Measurements:
         """The data file of a landing: noise drawn afresh, σ stated as the design says."""
-        data = simulate.run(self.truth(hidden), self.plan, seed, machine=Replay(landing)).measurements
+        data = self.measured(hidden, landing, seed).measurements
         return replace(data, sigma=data.sigma * self.design.stated)
 
     # -- sizes ---------------------------------------------------------------------------------------------------
@@ -298,6 +305,18 @@ def _interleaved(plan: plans.Plan, seed: int) -> plans.Plan:
     pose = np.cumsum(np.r_[False, (q[1:] != q[:-1]).any(axis=1)])
     share = np.random.default_rng(seed).permutation(pose[-1] + 1) / (pose[-1] + 1)
     return replace(plan, check=share[pose] < plan.check.mean())
+
+
+def _shuffled(plan: plans.Plan, seed: int) -> plans.Plan:
+    """The plan in random order, held-out rows last as before; rows keep their conditions and take the times in turn."""
+    order = np.random.default_rng(seed).permutation(len(plan))
+    order = order[np.argsort(plan.check[order], kind="stable")]
+    commands = plan.commands.take(order)
+    columns = dict(commands.columns)
+    if "time" in columns:
+        columns["time"] = plan.commands.columns["time"]
+    commands = Commands(commands.q, commands.tool, commands.payload, columns)
+    return replace(plan, commands=commands, pose_id=plan.pose_id[order], check=plan.check[order])
 
 
 def suits(hidden: Hidden, design: Design, robot: Robot) -> bool:

@@ -1,0 +1,69 @@
+"""Robots, fits and answers that the rows share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from bench.jobs.hidden.design import Design
+from bench.jobs.hidden.stage import Stage
+from bench.kinds import MODELS
+from pcalib import robot as robots
+from pcalib.data.measurement import Measurements
+from pcalib.diagnosis.diagnose import Diagnosis
+from pcalib.fitting import identification
+from pcalib.fitting.linearisation import residuals
+from pcalib.model import Model
+from pcalib.robot import Robot
+
+KINDS = ("delta", "hexa", "delta", "h4", "delta", "linear_delta", "hexapod", "delta", "hexa321", "planar")
+"""Robots of models/ whose turn it is, task by task: the Delta most often, every kind once in ten."""
+
+
+@cache
+def robot(name: str) -> Robot:
+    """A robot of models/."""
+    return robots.load(MODELS / f"{name}.toml")
+
+
+def stage(design: Design, kind: str, rng: np.random.Generator) -> Stage:
+    """A random robot of a kind before a random plan."""
+    return Stage.draw(design, robot(kind), int(rng.integers(2**31)))
+
+
+def fitted(data: Measurements, nominal: Robot, level: str = "complete", **options) -> Model:
+    """The model that `pcalib fit` makes of data.
+
+    Raises:
+        FitError: it cannot be used.
+    """
+    return identification.fit(data, nominal, level, **options).model
+
+
+def held_out(model: Model, data: Measurements, sigma_pos: float, good: np.ndarray | None = None) -> float:
+    """RMS position error of the held-out rows over the noise that there is; NaN without such rows.
+
+    Args:
+        sigma_pos: [m] true 1σ per component.
+        good: (N,) rows that are not grossly wrong.
+    """
+    rows = data.take(data.check if good is None else data.check & good)
+    if not len(rows):
+        return float("nan")
+    error = residuals(model, rows)[0][:, :3]
+    return float(np.sqrt(np.nanmean(error**2)) / sigma_pos)
+
+
+def in_words(found: Diagnosis) -> str:
+    """Verdict and sets, short."""
+    sets = " | ".join("+".join(e.names) or "nothing" for e in found.sets[:3])
+    cell = found.cells[0]
+    hottest = f"{cell.channel} by {cell.variable}"
+    return f"{found.verdict}: {', '.join(found.established) or sets or hottest}"
+
+
+def with_sigma(data: Measurements, sigma: np.ndarray) -> Measurements:
+    """The data with another stated σ, (6,) or (N, 6) [m, rad]."""
+    return replace(data, sigma=np.broadcast_to(sigma, data.sigma.shape).copy())

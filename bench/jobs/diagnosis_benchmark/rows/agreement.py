@@ -1,0 +1,87 @@
+"""`diagnose`, `explain` and `add` on the same data: whether one says what another denies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
+from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, fitted, in_words, stage
+from bench.jobs.hidden.catalogue import CATALOGUE, LISTED
+from bench.jobs.hidden.design import DESIGNS
+from pcalib.diagnosis import steps
+from pcalib.diagnosis.evidence import evidence
+from pcalib.errors import EffectError
+
+SIZES = (4.0, 20.0)
+
+
+def _hidden(task: Task, rng: np.random.Generator) -> Iterator[Set]:
+    """A listed fault of some size."""
+    usable = [CATALOGUE[n] for n in LISTED if not CATALOGUE[n].companion and not CATALOGUE[n].bar]
+    for _ in range(task.sets):
+        there = stage(DESIGNS["rich" if rng.random() < 0.6 else "rich-position"], "delta", rng)
+        what = usable[rng.integers(len(usable))]
+        fault = what.draw(there.robot, rng, uneven=bool(rng.random() < 0.3))
+        sized = there.scaled(fault, float(np.exp(rng.uniform(*np.log(SIZES)))), what.effect)
+        data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
+        yield Set(fitted(data, there.robot), data, f"{what.name}, s {sized.size:.1f}", {})
+
+
+def _nothing(task: Task, rng: np.random.Generator) -> Iterator[Set]:
+    kind = KINDS[task.number % len(KINDS)]
+    there = stage(DESIGNS["rich"], kind, rng)
+    for _ in range(task.sets):
+        data = there.measure((), there.reference, int(rng.integers(2**31)))
+        yield Set(fitted(data, there.robot), data, f"{kind}, nothing", {})
+
+
+def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
+    yield from (_hidden if task.variant == "hidden" else _nothing)(task, rng)
+
+
+def contradictions(made: Set) -> tuple[str, list[str]]:
+    """What is said, and each statement of one command that another denies."""
+    from pcalib.diagnosis.diagnose import diagnose
+
+    found = diagnose(made.model, made.data)
+    named = found.sets[0].specs if found.verdict == "established" and len(found.sets[0].specs) == 1 else ()
+    asked = named or [f.candidate.spec for f in found.findings if not f.note][:1]
+    out = []
+    for spec in asked:
+        explained = evidence(made.model, made.data, spec)
+        if explained.diagnosis.verdict != found.verdict:
+            out.append(f"explain {spec} begins from '{explained.diagnosis.verdict}'")
+        try:
+            fell = steps.add(made.model, made.data, spec).fell
+        except EffectError:
+            fell = None
+            if spec in named:
+                out.append(f"add {spec} refuses what diagnose establishes")
+        held = explained.held_out
+        if spec in named:
+            if fell is False:
+                out.append(f"add {spec}: no difference beyond chance in held-out rows")
+            if not explained.in_range or not explained.finding.adequate:
+                out.append(f"explain {spec}: out of range or not adequate")
+            if held is not None and held[1] >= held[0]:
+                out.append(f"explain {spec}: held-out errors rise")
+        elif found.verdict == "nothing_missing" and fell and held is not None and held[1] < 0.9 * held[0]:
+            out.append(f"add {spec}: held-out errors fall by a tenth or more, where nothing is missing")
+    return in_words(found), out
+
+
+def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
+    said, against = contradictions(made)
+    return "; ".join([said, *against]), {"contradiction": bool(against)}
+
+
+ROW = Row(
+    "agreement",
+    {"hidden": 220, "nothing": 80},
+    {"contradiction": Bound("diagnose, explain and add, {}: one denies what another says", 0.0)},
+    _sets,
+    _judge,
+    per_task=4,
+)
