@@ -60,7 +60,7 @@ def command(what: str, name: str = "", /, *, robot: Path | None = None, json: Js
         f"{effect.name} loads, adds nothing at zero, and is {'' if effect.linear else 'not '}linear in its "
         f"{f'{count} parameters' if count > 1 else 'one parameter'} ({', '.join(effect.channels)})."
     )
-    from pcalib.diagnosis.kinship import kinship
+    from pcalib.diagnosis.visibility import kinship
 
     lines = kinship(effect, described)
     for line in lines:

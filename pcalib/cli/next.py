@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
@@ -16,11 +16,6 @@ from cyclopts import Parameter
 from pcalib.cli._inputs import EffectFiles, ModelOption
 from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import JsonOption, OutputOption, SeedOption, say, show_table, write_json
-
-if TYPE_CHECKING:
-    from pcalib.diagnosis.discriminate import Level
-    from pcalib.effects.base import Effect
-    from pcalib.model import Model
 
 
 def command(
@@ -55,6 +50,7 @@ def command(
     from pcalib.cli._inputs import read
     from pcalib.data import table
     from pcalib.diagnosis import discriminate
+    from pcalib.diagnosis.hypothesis import resolve
     from pcalib.diagnosis.problem import problem
     from pcalib.errors import InputError
     from pcalib.fitting import identification
@@ -62,7 +58,6 @@ def command(
     sides = [side.strip() for side in between.split(",")]
     files = [name for side in sides for name in side.split("+") if ".py" in name and name not in effect_file]
     calibrated, measured, own = read(model, data, (*effect_file, *files))
-    known = {e.name: e for e in own} | {e.spec: e for e in own}
     if len(sides) != 2:
         raise InputError(
             f"--between '{between}': name two explanations, separated by a comma",
@@ -73,7 +68,7 @@ def command(
     if levels:
         say(f"Both take geometry of level {levels[0]}, so the plan starts from a fit at that level.")
         calibrated = identification.fit(measured, calibrated, levels[0]).model
-    rivals = [[_rival(name, calibrated, known) for name in side if name not in levels] for side in named]
+    rivals = [[resolve(name, calibrated, own) for name in side if name not in levels] for side in named]
     tools = tool_options(tool, calibrated.robot)
     payloads = [float(units.parse_quantity(p, "mass", option="--payload")[0]) for p in payload]
     if min(payloads, default=0.0) < 0:
@@ -101,31 +96,6 @@ def command(
     if output is not None:
         say(f"{len(found.q)} rows written to {output}.")
     return None
-
-
-def _rival(name: str, model: Model, own: Mapping[str, Effect]) -> Effect | Level:
-    """An effect or a geometry level that the model lacks.
-
-    Raises:
-        EffectError: unknown, or in the model already.
-    """
-    from pcalib import effects
-    from pcalib.diagnosis import discriminate
-    from pcalib.diagnosis.candidates import richer_levels
-    from pcalib.errors import EffectError
-
-    if name in model.robot.mechanism.levels:
-        if name not in richer_levels(model):
-            raise EffectError(f"level {name} is no extension of the model's level {model.level}")
-        return discriminate.Level(name)
-    present = {f.effect.name: f.effect for f in model.effects}
-    effect = present.get(name) or own.get(name) or effects.parse(name, model.robot)
-    if effect.name in present and len(effect.parameters) <= len(present[effect.name].parameters):
-        raise EffectError(
-            f"{name} is in the model already, and any rival would come on top of it\n"
-            f"  write 'nothing' in its place, or take it out first: pcalib drop {name} …"
-        )
-    return effect
 
 
 def _grouped(columns: Mapping[str, np.ndarray]) -> tuple[dict[str, list[str]], list[str]]:

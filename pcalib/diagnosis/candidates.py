@@ -1,4 +1,4 @@
-"""What may be missing: effects of the library and of the user's own in all their variants, and geometry levels."""
+"""What may be missing, on the poses of a data set: every hypothesis with what it does to the readings."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import effects, prediction
-from pcalib.diagnosis.channels import Point
+from pcalib import effects
+from pcalib.diagnosis.hypothesis import Hypothesis, richer_levels
+from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.screen import LARGE, NOT_SEARCHED, Search
-from pcalib.effects.base import Effect, Situation
+from pcalib.effects.base import Effect
 from pcalib.effects.gear_ripple import GearRipple
 from pcalib.errors import EffectError
-from pcalib.model import Model
 
 ALONE = "add a compliance first: it is seen only through one"
-"""Why what acts through others, as a crooked robot does, moves nothing while nothing in the model gives way."""
+"""Why an effect that acts through others (a robot that hangs crooked) moves nothing while nothing in the model gives
+way."""
 IDLE = "under these conditions it moves nothing"
 WEIGHTLESS = "the robot file has no [mass] and there is no payload: nothing loads the robot"
 """Why an effect of load moves nothing."""
@@ -24,14 +25,9 @@ WEIGHTLESS = "the robot file has no [mass] and there is no payload: nothing load
 
 @dataclass(frozen=True)
 class Candidate:
-    """One hypothesis: an effect in one variant, or a geometry level."""
+    """A hypothesis with its derivatives on the poses of a data set."""
 
-    name: str
-    """The effect's or level's name: variants of an effect share it."""
-    spec: str
-    """How a command line names this variant."""
-    effect: Effect | None
-    """None for a geometry level."""
+    hypothesis: Hypothesis
     columns: np.ndarray
     """(N, 6, p) derivative of the readings [m, rad] by each parameter."""
     scale: np.ndarray
@@ -40,11 +36,36 @@ class Candidate:
     high: np.ndarray
     """(p,) [SI] physical range."""
     search: Search = NOT_SEARCHED
-    """How it was found, where it was searched for."""
+    """What it costs that it was searched for, where it was."""
+
+    @classmethod
+    def of(cls, hypothesis: Hypothesis, point: Point) -> Candidate:
+        """A hypothesis at a point."""
+        scale = hypothesis.scale(point.model)
+        low, high = np.full(len(scale), -np.inf), np.full(len(scale), np.inf)
+        if hypothesis.effect is not None:
+            parameters = hypothesis.effect.parameters
+            low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+        return cls(hypothesis, hypothesis.columns(point), scale, low, high)
+
+    @property
+    def name(self) -> str:
+        """The hypothesis' name, which variants of an effect share."""
+        return self.hypothesis.name
+
+    @property
+    def spec(self) -> str:
+        """How a command line names it."""
+        return self.hypothesis.spec
+
+    @property
+    def effect(self) -> Effect | None:
+        """None where it is about the geometry."""
+        return self.hypothesis.effect
 
     @property
     def limit(self) -> np.ndarray:
-        """(p,) [SI] largest possible size; several times the usual one where nothing says what is."""
+        """(p,) [SI] largest possible size; LARGE usual sizes where no physical range is stated."""
         furthest = np.maximum(np.abs(self.low), np.abs(self.high))
         return np.where(np.isfinite(furthest), furthest, LARGE * self.scale)
 
@@ -60,7 +81,7 @@ class Unavailable:
 def candidates(
     point: Point, own: Sequence[Effect] = (), scan: Callable[[], list[tuple[GearRipple, Search]]] | None = None
 ) -> tuple[list[Candidate], list[Unavailable]]:
-    """All hypotheses on these poses beyond what the model already has.
+    """All effects, then all geometry levels, that the model lacks and that these poses may show.
 
     Args:
         own: the user's own effects.
@@ -81,23 +102,24 @@ def candidates(
             continue
         if name == "gear_ripple" and scan is not None and not robot.drive.get("ripple_per_turn"):
             if name not in present:
-                found += [replace(_candidate(effect, point), search=search) for effect, search in scan()]
+                found += [replace(_of(effect, point), search=search) for effect, search in scan()]
             continue
         for per in kind.variants:
             effect = effects.get(name, per, robot)
             if name in present and len(present[name].parameters) >= len(effect.parameters):
                 continue
-            found.append(_candidate(effect, point))
+            found.append(_of(effect, point))
     for effect in own:
         if effect.name in present:
             continue
         if lacking := effects.missing(effect, at.columns):
             unavailable.append(Unavailable(effect.name, f"the data have no {' '.join(lacking)}"))
             continue
-        found.append(_candidate(effect, point))
+        found.append(_of(effect, point))
     idle = {c.name: c.effect for c in found if c.effect is not None and not c.columns.any()}
     unavailable += [Unavailable(name, _why_idle(effect, point)) for name, effect in idle.items()]
-    return [c for c in found if c.columns.any()], unavailable
+    levels = [Candidate.of(Hypothesis.level(name, model), point) for name in richer_levels(model)]
+    return [c for c in found if c.columns.any()] + levels, unavailable
 
 
 def require_seen(effect: Effect, point: Point) -> None:
@@ -106,63 +128,28 @@ def require_seen(effect: Effect, point: Point) -> None:
     Raises:
         EffectError: it says why, and what would show it.
     """
-    if not _candidate(effect, point).columns.any():
+    if not _of(effect, point).columns.any():
         why = f"{_why_idle(effect, point)}\n  {shown_by(effect)}"
         raise EffectError(f"effect {effect.name} cannot be fitted to these data: {why}")
 
 
+def _of(effect: Effect, point: Point) -> Candidate:
+    return Candidate.of(Hypothesis.of(effect), point)
+
+
 def _why_idle(effect: Effect, point: Point) -> str:
-    """Why an effect moves nothing on these poses: for want of partners that it acts through, or of loads, if under some
-    it would move something."""
+    """Why an effect moves nothing on these poses: because nothing in the model gives way, or because nothing loads the
+    robot."""
     if effect.indirect and not {f.effect.name for f in point.model.effects} - {effect.name}:
         return ALONE
     at = point.situation
     if any(point.model.robot.mass.values()) or at.payload.any():
         return IDLE
-    loaded = replace(at, payload=np.ones(len(at))).under(at.g)
-    return WEIGHTLESS if _columns(effect, point, loaded).any() else IDLE
-
-
-def _columns(effect: Effect, point: Point, at: Situation) -> np.ndarray:
-    """(N, 6, p) derivative of the readings by each parameter of an effect, in a situation beside the model's others."""
-    partners = tuple((fitted.effect, fitted.theta) for fitted in point.model.effects)
-    return point.columns(effect.basis(replace(at, partners=partners)))
+    loaded = replace(point, situation=replace(at, payload=np.ones(len(at))).under(at.g))
+    return WEIGHTLESS if Hypothesis.of(effect).columns(loaded).any() else IDLE
 
 
 def shown_by(effect: Effect | None) -> str:
     """What the data must vary for an effect to be seen, as a remedy."""
-    if effect is None or not effect.wants:
-        return "measure under conditions that show it"
-    return f"it is seen best with: {', '.join(effect.wants)}"
-
-
-def _candidate(effect: Effect, point: Point) -> Candidate:
-    parameters = effect.parameters
-    return Candidate(
-        name=effect.name,
-        spec=effect.spec,
-        effect=effect,
-        columns=_columns(effect, point, point.situation),
-        scale=np.array([p.prior for p in parameters]),
-        low=np.array([p.low for p in parameters]),
-        high=np.array([p.high for p in parameters]),
-    )
-
-
-def richer_levels(model: Model) -> list[str]:
-    """Named levels that let vary more than the model's own does: what geometry may be missing, simplest first."""
-    levels = model.robot.mechanism.levels
-    mine = levels[model.level].basis
-    out = []
-    for name, level in levels.items():
-        both = np.hstack([mine, level.basis])
-        rank = np.linalg.matrix_rank
-        if level.basis.shape[1] and rank(both) == rank(level.basis) > (rank(mine) if mine.shape[1] else 0):
-            out.append(name)
-    return sorted(out, key=lambda name: levels[name].basis.shape[1])
-
-
-def level_columns(point: Point, level: str) -> np.ndarray:
-    """Derivative of the readings by a level's coordinates, (N, 6, nz)."""
-    basis = point.model.robot.mechanism.levels[level].basis
-    return prediction.geometry_columns(point.model, point.prediction, point.closure, point.JX, basis)
+    wants = () if effect is None else effect.wants
+    return f"it is seen best with: {', '.join(wants)}" if wants else "measure under conditions that show it"

@@ -9,10 +9,10 @@ import numpy as np
 
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
-from pcalib.diagnosis.misfit import Misfit, misfit
 from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem
+from pcalib.diagnosis.screen import Misfit, misfit
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
 from pcalib.fitting.identification import Accuracy, accuracy

@@ -4,27 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from pcalib.data.measurement import Measurements
-from pcalib.diagnosis import adequacy, limits
+from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.adequacy import AGAINST, ALPHA, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
-from pcalib.diagnosis.misfit import Misfit, misfit
+from pcalib.diagnosis.hypothesis import Hypothesis, start_of
 from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem
-from pcalib.diagnosis.screen import NUISANCE, Screen
+from pcalib.diagnosis.screen import NUISANCE, Misfit, Screen, misfit, smallest_seen
 from pcalib.diagnosis.verdict import Explanation, decide, refuted
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification, linearisation
-from pcalib.model import FittedEffect, Model
+from pcalib.model import Model
 
 N_DRAWS = 4096
 BEYOND = 3.0
 """σ by which fitted parameters may lie beyond their physical range and still be possible."""
+
+
+class Why(StrEnum):
+    """Why a candidate cannot be what is missing."""
+
+    UNSEEN = "these poses cannot show it"
+    IMPOSSIBLE = "it would have to be outside its physical range"
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,7 @@ class Finding:
     """It stands in a smallest adequate set."""
     smallest_seen: np.ndarray
     """(np,) [SI] size that would have been found with 90 % power."""
-    note: str = ""
+    why: Why | None = None
     """Why it cannot be what is missing, where that is clear."""
 
 
@@ -134,7 +142,7 @@ def diagnose(
         sets = []  # what is left may look like noise, but so many rows do not
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)
-    tested = [f.candidate.name for f in findings if not f.note and f.candidate.effect is not None]
+    tested = [f.candidate.name for f in findings if f.why is None and f.candidate.effect is not None]
     return Diagnosis(
         verdict=verdict,
         established=established,
@@ -241,12 +249,9 @@ def _richer(
 def _explanation(world: _World, chosen: tuple[int, ...]) -> Explanation:
     made, screen = world.problem, world.screen
     theta, sigma = (within_range(made, screen, chosen)[0], screen.estimate(chosen)[1]) if chosen else ([], [])
-    levels = [
-        Candidate(name, name, None, np.zeros((0, 6, 0)), np.zeros(0), np.zeros(0), np.zeros(0)) for name in world.prefix
-    ]
-    members = levels + [made.candidates[g] for g in chosen]
-    values = [np.zeros(0)] * len(levels) + theta
-    spread = [np.zeros(0)] * len(levels) + sigma
+    members = [Hypothesis.level(name, made.model) for name in world.prefix]
+    values, spread = ([np.zeros(0)] * len(members) + each for each in (theta, sigma))
+    members += [made.candidates[g].hypothesis for g in chosen]
     order = sorted(range(len(members)), key=lambda i: members[i].name)
     rest = screen.y @ screen.y
     if chosen:
@@ -254,9 +259,7 @@ def _explanation(world: _World, chosen: tuple[int, ...]) -> Explanation:
         rest = rest - np.sum((Q.T @ screen.y) ** 2)
     columns = sum(len(made.candidates[g].scale) for g in chosen) + np.linalg.matrix_rank(made.nuisance, NUISANCE)
     return Explanation(
-        names=tuple(members[i].name for i in order),
-        specs=tuple(members[i].spec for i in order),
-        candidates=tuple(members[i] for i in order),
+        members=tuple(members[i] for i in order),
         theta=tuple(values[i] for i in order),
         sigma=tuple(spread[i] for i in order),
         bic=float(rest + columns * np.log(len(made.y))),
@@ -267,14 +270,9 @@ def _checked(explanation: Explanation, made: Problem, data: Measurements) -> Exp
     """The explanation with what held-out rows say after a full non-linear refit of everything."""
     if data.check.sum() < 5:
         return explanation
-    level = next((c.name for c in explanation.candidates if c.effect is None), made.model.level)
-    added = tuple(
-        FittedEffect(c.effect, np.clip(theta, c.low, c.high), c.spec)
-        for c, theta in zip(explanation.candidates, explanation.theta, strict=True)
-        if c.effect is not None
-    )
+    start, level = start_of(made.model, list(zip(explanation.members, explanation.theta, strict=True)))
     try:
-        after = identification.fit(data, with_effects(made.model, added), level).model
+        after = identification.fit(data, start, level).model
     except (FitError, InputError):
         return explanation
     rows = data.take(data.check)
@@ -282,12 +280,6 @@ def _checked(explanation: Explanation, made: Problem, data: Measurements) -> Exp
     old, new = (linearisation.residuals(model, rows)[0] / sigma for model in (made.model, after))
     seen = np.isfinite(old) & np.isfinite(new)  # a pose that one of them cannot reach says nothing of their errors
     return replace(explanation, held_out=(float(np.sum(old[seen] ** 2)), float(np.sum(new[seen] ** 2))))
-
-
-def with_effects(model: Model, added: Sequence[FittedEffect]) -> Model:
-    """A model with effects added; one of the same name is replaced."""
-    names = {f.effect.name for f in added}
-    return replace(model, effects=tuple(f for f in model.effects if f.effect.name not in names) + tuple(added))
 
 
 def _findings(
@@ -298,11 +290,7 @@ def _findings(
     for g, candidate in enumerate(made.candidates):
         d = int(screen.visible[g])
         theta, sigma = (a[0] for a in screen.estimate([g]))
-        note = ""
-        if d == 0:
-            note = "these poses cannot show it"
-        elif not possible(made, screen, [g]):
-            note = "it would have to be outside its physical range"
+        why = Why.UNSEEN if d == 0 else None if possible(made, screen, [g]) else Why.IMPOSSIBLE
         out.append(
             Finding(
                 candidate=candidate,
@@ -312,8 +300,8 @@ def _findings(
                 theta=theta,
                 sigma=sigma,
                 adequate=candidate.name in inside,
-                smallest_seen=limits.smallest_seen(screen, g, critical),
-                note=note,
+                smallest_seen=smallest_seen(screen, g, critical),
+                why=why,
             )
         )
     return tuple(sorted(out, key=lambda f: (f.p, -f.s)))

@@ -17,13 +17,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib import prediction, units
-from pcalib.diagnosis.candidates import level_columns
-from pcalib.diagnosis.channels import Point
+from pcalib.diagnosis.hypothesis import Hypothesis
+from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.problem import Problem, spread, unknowns_for
-from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, InputError
 from pcalib.fitting import linearisation
-from pcalib.fitting.unknowns import Unknowns, unknowns_of
+from pcalib.fitting.unknowns import Unknowns
 from pcalib.mechanics.workspace import reachable
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot
@@ -38,16 +37,7 @@ LATER = 3600.0
 """[s] a plan may ask for rows that much later where a rival answers to time."""
 
 
-@dataclass(frozen=True)
-class Level:
-    """A geometry level as a rival of effects, or of another level."""
-
-    name: str
-    needs: tuple[str, ...] = ()
-    wants: tuple[str, ...] = ()
-
-
-Rival = Sequence[Effect | Level]
+Rival = Sequence[Hypothesis]
 """One explanation; an empty one is 'nothing is missing'."""
 
 
@@ -124,7 +114,7 @@ def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None
 
     Args:
         made: the model, which has neither explanation, on its data.
-        rivals: two sets of effects and levels.
+        rivals: two sets of hypotheses.
         n: how many rows.
 
     Raises:
@@ -234,17 +224,10 @@ def _rows(
         parts.append(prediction.frame_columns(model, p))
     parts = [np.concatenate(parts, axis=-1) * unknowns.scale * spread(model, unknowns)]
     for rival in rivals:
-        parts.append(np.concatenate([*(_columns(e, point) for e in rival), np.zeros((len(q), 6, 0))], axis=-1))
+        columns = [h.columns(point) * h.scale(model) for h in rival]
+        parts.append(np.concatenate([*columns, np.zeros((len(q), 6, 0))], axis=-1))
     nuisance, first, second = (np.nan_to_num(whitened(point, np.nan_to_num(columns))) for columns in parts)
     return _Rows(nuisance, (first, second), p.position, p.status == "ok")
-
-
-def _columns(rival: Effect | Level, point: Point) -> np.ndarray:
-    """(N, 6, p) [m, rad] derivative of the readings by an effect's or a level's parameters, in usual sizes."""
-    if not isinstance(rival, Level):
-        return point.columns(rival.basis(point.situation)) * [x.prior for x in rival.parameters]
-    level = unknowns_of(point.model, rival.name)
-    return level_columns(point, rival.name) * level.scale[: level.n_geometry]
 
 
 def _size(made: Problem, old: _Rows, side: int) -> np.ndarray:

@@ -7,21 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcalib import effects
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.adequacy import Test
-from pcalib.diagnosis.candidates import Candidate, richer_levels, shown_by
+from pcalib.diagnosis.candidates import Candidate, shown_by
 from pcalib.diagnosis.compare import noise_of
-from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible, with_effects
+from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible
+from pcalib.diagnosis.hypothesis import resolve, start_of
 from pcalib.diagnosis.patterns import FINE, load_name, recorded
 from pcalib.diagnosis.screen import Screen
 from pcalib.diagnosis.steps import held_out_errors
 from pcalib.effects.base import Effect, Situation
-from pcalib.errors import EffectError, FitError, InputError, unknown
+from pcalib.errors import EffectError, FitError, InputError
 from pcalib.fitting import identification
 from pcalib.fitting.identification import Fit
-from pcalib.model import FittedEffect, Model
+from pcalib.model import Model
 
 TIED = 1e-12
 """p below which everything is equally sure, and p no longer orders."""
@@ -145,37 +145,23 @@ def _hottest(found: Diagnosis, screen: Screen, rest: Test) -> int:
 
 
 def _finding(found: Diagnosis, spec: str, own: Sequence[Effect]) -> Finding:
-    model = found.problem.model
-    spec = {e.spec: e.name for e in own}.get(spec, spec)
-    if spec in {f.effect.name for f in model.effects}:
-        remedy = f"'pcalib drop {spec} …' shows what it is needed for"
-        raise EffectError(f"effect {spec} is in the model already\n  {remedy}")
-    if spec in model.robot.mechanism.levels and spec not in richer_levels(model):
-        richer = ", ".join(richer_levels(model)) or "no level is"
-        raise EffectError(f"level {spec} is no extension of the model's level {model.level}\n  richer: {richer}")
-    for finding in found.findings:
+    wanted = resolve(spec, found.problem.model, own)
+    mine = [f for f in found.findings if f.candidate.name == wanted.name]
+    for finding in mine:
         if finding.candidate.spec == spec:
             return finding
-    mine = [f for f in found.findings if f.candidate.name == spec]
     if mine:  # findings come hottest first; the simplest of those about as hot
         return min(mine, key=lambda f: (f.p > 4 * mine[0].p, len(f.candidate.scale)))
-    for missing in found.unavailable:
-        if missing.name == spec.partition(":")[0].partition("@")[0]:
-            remedy = shown_by(effects.get(missing.name) if missing.name in effects.names() else None)
-            raise EffectError(f"effect {missing.name} cannot be judged on these data: {missing.why}\n  {remedy}")
-    raise EffectError(unknown("candidate", spec, sorted({f.candidate.name for f in found.findings})))
+    why = next((u.why for u in found.unavailable if u.name == wanted.name), "it was not considered")
+    raise EffectError(f"effect {wanted.name} cannot be judged on these data: {why}\n  {shown_by(wanted.effect)}")
 
 
 def _fits(model: Model, data: Measurements, finding: Finding) -> tuple[Fit | None, Fit | None]:
     candidate = finding.candidate
     out: list[Fit | None] = []
     for adding in (False, True):
-        level, start = model.level, model
-        if adding and candidate.effect is None:
-            level = candidate.name
-        elif adding and candidate.effect is not None:
-            theta = np.clip(finding.theta, candidate.low, candidate.high)
-            start = with_effects(model, [FittedEffect(candidate.effect, theta, candidate.spec)])
+        theta = np.clip(finding.theta, candidate.low, candidate.high)
+        start, level = start_of(model, [(candidate.hypothesis, theta)] if adding else [])
         try:
             fitted = identification.fit(data, start, level)
             out.append(fitted if fitted.status == "converged" else None)
@@ -195,7 +181,7 @@ def _added_variable(screen: Screen, g: int, finding: Finding) -> AddedVariable |
 
 def by_variable_of(found: Diagnosis, data: Measurements) -> ByVariable | None:
     """The telling plot of a diagnosis' best explanation, of its hottest effect in drives or rods."""
-    inside = {c.spec for e in found.sets[:1] for c in e.candidates}
+    inside = {spec for e in found.sets[:1] for spec in e.specs}
     ranked = sorted(found.findings, key=lambda f: (f.candidate.spec not in inside, f.p, -f.s))
     for finding in ranked[:3]:
         effect = finding.candidate.effect

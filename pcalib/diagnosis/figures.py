@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pcalib.diagnosis import telling
-from pcalib.diagnosis.diagnose import Diagnosis
+from pcalib.diagnosis.diagnose import Diagnosis, Why
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import CHANNELS, Cell, spoken
 from pcalib.palette import SERIES
@@ -66,7 +66,7 @@ def _tile(x: float, y: float, strength: float) -> Any:
 
 def ranking(found: Diagnosis, most: int = 12) -> str:
     """Candidates by s, those that stand in an adequate set in colour, with the size that would be noise."""
-    shown = [f for f in telling.one_per_effect(found) if not f.note.startswith("these poses")][:most]
+    shown = [f for f in telling.one_per_effect(found) if f.why is not Why.UNSEEN][:most]
     with drawing(7.2, 0.8 + 0.3 * len(shown)) as (figure, out):
         axes = figure.subplots()
         for i, f in enumerate(shown):

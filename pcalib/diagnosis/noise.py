@@ -62,9 +62,7 @@ class NoiseLevel:
     def sentence(self, joint_unit: str = "µrad") -> str:
         """Where the figure comes from, and what that means; joints are said in millionths of their unit."""
         said = " and ".join(
-            small(value, unit)
-            for value, unit in ((self.sigma_pos, "m"), (self.sigma_rot, "rad"))
-            if np.isfinite(value)
+            small(value, unit) for value, unit in ((self.sigma_pos, "m"), (self.sigma_rot, "rad")) if np.isfinite(value)
         )
         if self.sigma_q:
             said += f" (part of it from joints that repeat to {self.sigma_q * 1e6:.2g} {joint_unit})"

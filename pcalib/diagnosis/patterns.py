@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcalib.diagnosis.adequacy import corrected
-from pcalib.diagnosis.channels import Point, Response
+from pcalib.diagnosis.point import Point, Response
 from pcalib.diagnosis.screen import NOT_SEARCHED, Screen, Search
 from pcalib.effects.base import Contribution, Situation
 

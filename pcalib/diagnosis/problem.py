@@ -11,11 +11,11 @@ import numpy as np
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis import outliers
-from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates, level_columns, richer_levels
-from pcalib.diagnosis.channels import Point
+from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates
 from pcalib.diagnosis.noise import Blocks, NoiseLevel
 from pcalib.diagnosis.outliers import Outliers
 from pcalib.diagnosis.patterns import Pattern, patterns, ripple
+from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.ripple import scanned
 from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, outside, screen, span
 from pcalib.effects.base import Effect
@@ -150,12 +150,6 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
     found, unavailable = candidates(point, own, lambda: scanned(point, linear.residual, nuisance, whiten))
     unavailable += [Unavailable(name, "left out, as asked") for name in {c.name for c in found} & set(without)]
     found = [c for c in found if c.name not in without]
-    for name in richer_levels(model):
-        columns = level_columns(point, name)
-        chosen = unknowns_of(model, name)
-        n = chosen.n_geometry
-        free = np.full(n, np.inf)
-        found.append(Candidate(name, name, None, columns, chosen.scale[:n], -free, free))
     # The patterns together leave half of what the data can say to judge the noise by, each a fair share to others.
     room = len(linear.residual) - int(np.linalg.matrix_rank(nuisance, NUISANCE))
     cells = patterns(point, max(3, min(60, room // 6)), max(30, room // 2 - 20), np.asarray(fit.mask.any(axis=0)))
@@ -174,9 +168,7 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
 def unknowns_for(model: Model, data: Measurements) -> Unknowns:
     """What a refit of the model to the data would free."""
     how = model.options
-    return unknowns_of(
-        model, model.level, model.effects, data.frame == "tracker", fixed=how.fixed, prior=how.prior
-    )
+    return unknowns_of(model, model.level, model.effects, data.frame == "tracker", fixed=how.fixed, prior=how.prior)
 
 
 def spread(model: Model, unknowns: Unknowns) -> np.ndarray:

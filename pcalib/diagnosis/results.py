@@ -14,7 +14,6 @@ from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell
 from pcalib.diagnosis.steps import Step
 from pcalib.diagnosis.telling import advice, one_per_effect, sentence
-from pcalib.diagnosis.verdict import in_words
 
 
 def _micro(value: float) -> float | None:
@@ -89,7 +88,7 @@ def _candidate_json(f: Finding) -> dict[str, Any]:
         "p": f.p,
         "adequate": f.adequate,
         "parameters": parameters,
-        "note": f.note or None,
+        "note": f.why,
     }
 
 
@@ -136,7 +135,7 @@ def evidence_json(e: Evidence) -> dict[str, Any]:
         "schema": "pcalib.explanation/1",
         "effect": e.candidate.name,
         "spec": e.candidate.spec,
-        "words": in_words(e.candidate, e.finding.theta),
+        "words": e.candidate.hypothesis.sentence(e.finding.theta),
         **{k: v for k, v in _candidate_json(e.finding).items() if k in ("kappa", "s", "p", "adequate", "parameters")},
         "in_physical_range": e.in_range,
         "rest": {"p": e.rest_p, "hottest": e.rest},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pcalib import effects
-from pcalib.diagnosis.channels import Point
+from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.screen import NUISANCE, Search, project_out, span
 from pcalib.effects.gear_ripple import SCANNED, GearRipple
 

@@ -31,6 +31,8 @@ REST = 10
 """Directions outside every group that are enough to be tested as one."""
 KNOWN = 1e6
 """Degrees of freedom from which on a noise level counts as known."""
+POWER = 0.9
+"""Power at which detection limits are stated, as metrology states them."""
 
 
 @dataclass(frozen=True)
@@ -269,3 +271,53 @@ def joint_span(nuisance: np.ndarray, groups: Sequence[Group]) -> np.ndarray:
 def _unit(columns: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(columns, axis=0)
     return columns / np.where(size > 0, size, 1.0)
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Residuals of the fit rows against the noise."""
+
+    chi2_dof: float
+    """Per degree of freedom left after geometry, frame and effects of the model."""
+    dof: int
+    p: float
+    """Probability of a larger misfit from noise alone; with replicates the lack-of-fit F test."""
+
+    @property
+    def times_noise(self) -> float:
+        """Residuals in units of the noise."""
+        return float(np.sqrt(self.chi2_dof))
+
+
+def misfit(screen: Screen) -> Misfit:
+    """The misfit of a model against the noise level of its problem.
+
+    Where that level was read off what no group holds, only what groups hold is tested against it: else the same
+    residuals would stand above and below the line.
+    """
+    total, dof = float(screen.residual @ screen.residual), screen.free
+    if dof < 1:
+        return Misfit(float("nan"), 0, 1.0)
+    T, d = (float(screen.y @ screen.y), len(screen.y)) if screen.left is None else (total, dof)
+    return Misfit(total / dof, dof, float(screen.p_value(T, d)) if d else 1.0)
+
+
+def visible_size(screen: Screen, d: int, critical: float) -> float:
+    """s, in noise units, that d columns must have to be found with 90 % power at a critical p."""
+    from scipy.special import chdtri, chndtrinc, fdtri, ncfdtrinc
+
+    if screen.nu >= KNOWN:
+        return float(np.sqrt(chndtrinc(chdtri(d, critical), d, 1 - POWER)))
+    return float(np.sqrt(ncfdtrinc(d, screen.nu, 1 - POWER, fdtri(d, screen.nu, 1 - critical))))
+
+
+def smallest_seen(screen: Screen, g: int, critical: float) -> np.ndarray:
+    """(p,) [SI] size of each parameter of a group, acting alone, that would have been found; inf where invisible."""
+    if screen.visible[g] == 0:
+        return np.full(screen.parts[g].shape[1], np.inf)
+    seen = screen.blocks[g].T @ screen.parts[g]
+    size = np.linalg.norm(seen, axis=0)
+    # The best of several tried must beat them all.
+    needed = visible_size(screen, int(screen.visible[g]), critical / float(screen.trials[g]))
+    with np.errstate(divide="ignore"):
+        return np.where(size > 0, needed / np.where(size > 0, size, 1.0), np.inf)

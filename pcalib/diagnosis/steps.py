@@ -9,14 +9,15 @@ import numpy as np
 
 from pcalib import effects, prediction
 from pcalib.data.measurement import Measurements
-from pcalib.diagnosis.candidates import require_seen, richer_levels
-from pcalib.diagnosis.channels import Point
+from pcalib.diagnosis.candidates import require_seen
+from pcalib.diagnosis.hypothesis import resolve, start_of
+from pcalib.diagnosis.point import Point
 from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, unknown
 from pcalib.fitting import identification
 from pcalib.fitting.identification import Fit
 from pcalib.fitting.linearisation import conditions_of
-from pcalib.model import FittedEffect, Model
+from pcalib.model import Model
 
 SURE = 2.0
 """Standard errors by which held-out errors must change to confirm or refute a step."""
@@ -96,47 +97,19 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
         EffectError: unknown, present already, without the columns it needs, or without any trace in these poses.
         FitError: the data do not support it.
     """
-    levels = model.robot.mechanism.levels
+    wanted = resolve(spec, model, own)
     before = identification.fit(data, model, model.level)
-    if spec in levels:
-        if spec == model.level:
-            remedy = "'pcalib diagnose' says what else may be missing"
-            raise EffectError(f"the model is of level {spec} already\n  {remedy}")
-        if spec not in richer_levels(model):
-            raise EffectError(
-                f"level {spec} is no extension of level {model.level}\n  "
-                f"for a simpler model: pcalib fit --level {spec}, or pcalib log --back-to"
-            )
-        after = identification.fit(data, before.model, spec)
-        return Step("add", spec, before, after)
-    mine = [e for e in own if spec in (e.name, e.spec)]
-    effect = mine[0] if mine else _parsed(spec, model)
-    present = {f.effect.name: f for f in model.effects}
-    if effect.name in present and present[effect.name].effect.spec == effect.spec:
-        raise EffectError(f"effect {spec} is in the model already\n  'pcalib drop {effect.name} …' takes it out")
-    effects.require(effect, data.columns, data.source)
-    _require_seen(effect, before.model, data)
-    start = FittedEffect(effect, np.zeros(len(effect.parameters)), effect.spec)
-    kept = tuple(f for f in before.model.effects if f.effect.name != effect.name)
-    after = identification.fit(data, replace(before.model, effects=(*kept, start)), model.level)
-    return Step("add", start.spec, before, after)
+    start, level = start_of(before.model, [(wanted, np.zeros(len(wanted.scale(model))))])
+    if wanted.effect is not None:
+        effects.require(wanted.effect, data.columns, data.source)
+        _require_seen(wanted.effect, before.model, data)
+    return Step("add", wanted.spec, before, identification.fit(data, start, level))
 
 
 def _require_seen(effect: Effect, model: Model, data: Measurements) -> None:
     fitted = data.take(~data.check)
     conditions = conditions_of(fitted)
     require_seen(effect, Point.of(model, prediction.predict(model, fitted.q, conditions), conditions))
-
-
-def _parsed(spec: str, model: Model) -> Effect:
-    try:
-        return effects.parse(spec, model.robot)
-    except EffectError as error:
-        name = spec.partition(":")[0].partition("@")[0]
-        if ".py" not in spec and name not in effects.names():
-            accepted = [*effects.names(), *(n for n in model.robot.mechanism.levels if n != model.level)]
-            raise EffectError(unknown("effect or level", name, accepted)) from None
-        raise error
 
 
 def _no_effect(level: str, model: Model) -> str:

@@ -9,12 +9,11 @@ import numpy as np
 
 from pcalib import effects
 from pcalib.diagnosis.compare import Comparison
-from pcalib.diagnosis.diagnose import Diagnosis, Finding
+from pcalib.diagnosis.diagnose import Diagnosis, Finding, Why
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import Cell, spoken
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
-from pcalib.diagnosis.verdict import in_words
 from pcalib.fitting.identification import Accuracy, Fit
 from pcalib.wording import angle, clipped, deviation, figure, size
 
@@ -28,7 +27,7 @@ MORE = 1.25
 
 def one_per_effect(found: Diagnosis) -> list[Finding]:
     """One finding per effect or level, hottest first: the variant in the best explanation, else the simplest as hot."""
-    chosen = {c.name: c.spec for e in reversed(found.sets) for c in e.candidates}
+    chosen = {h.name: h.spec for e in reversed(found.sets) for h in e.members}
     out: dict[str, Finding] = {}
     for f in found.findings:
         name = f.candidate.name
@@ -121,11 +120,11 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = []
     if found.verdict == "ambiguous" and len(found.sets) > 1:
         best = found.sets[0]
-        shared = [c for c in best.candidates if c.name in found.established]
-        out += [{"do": "add", "effect": c.spec} for c in sorted(shared, key=lambda c: c.effect is not None)]
-        rivals = [[c for c in e.candidates if c.name not in found.established] for e in found.sets[:2]]
-        wants = sorted({w for rival in rivals for c in rival if c.effect for w in c.effect.wants})
-        out.append({"do": "next", "between": ["+".join(c.spec for c in rival) for rival in rivals], "vary": wants})
+        shared = [h for h in best.members if h.name in found.established]
+        out += [{"do": "add", "effect": c.spec} for c in sorted(shared, key=lambda h: h.effect is not None)]
+        rivals = [[h for h in e.members if h.name not in found.established] for e in found.sets[:2]]
+        wants = sorted({w for rival in rivals for h in rival for w in h.wants})
+        out.append({"do": "next", "between": ["+".join(h.spec for h in rival) for rival in rivals], "vary": wants})
     if found.verdict == "established":
         out += [{"do": "add", "effect": spec} for e in found.sets[:1] for spec in e.specs]
     if found.verdict == "unexplained":
@@ -136,10 +135,9 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         ]
     if not found.noise.verified:
         out.append({"do": "replicate", "why": "the noise is not verified: measure ten poses twice"})
-    blind = sorted({f.candidate.name for f in found.findings if f.note.startswith("these poses") and not _geometry(f)})
+    blind = sorted({f.candidate.name for f in found.findings if f.why is Why.UNSEEN and not _geometry(f)})
     for name in blind:
-        mine = [f.candidate.effect for f in found.findings if f.candidate.name == name]
-        wants = [w for effect in mine if effect is not None for w in effect.wants]
+        wants = [w for f in found.findings if f.candidate.name == name for w in f.candidate.hypothesis.wants]
         out.append({"do": "vary", "for": name, "vary": list(dict.fromkeys(wants))})
     return out
 
@@ -173,12 +171,11 @@ def candidate_rows(found: Diagnosis, most: int | None = 12, longest: int = 90) -
     so many characters."""
     rows = []
     for f in _listed(found, most)[0]:
-        effect = f.candidate.effect
-        said = "" if effect is None else clipped(effect.describe(f.theta), longest)
+        said = clipped(f.candidate.hypothesis.describe(f.theta), longest)
         rows.append(
             (
                 f.candidate.spec, f"{100 * f.kappa:.0f} %", f"{f.s:.1f}", p_text(f.p), "yes" if f.adequate else "",
-                said, f.note,
+                said, f.why or "",
             )
         )  # fmt: skip
     return rows
@@ -200,7 +197,7 @@ def _listed(found: Diagnosis, most: int | None) -> tuple[list[Finding], list[Fin
     left: list[Finding] = []
     for f in one_per_effect(found):
         own = f.candidate.effect is not None and f.candidate.name not in named
-        if own or not f.note.startswith("these poses"):
+        if own or f.why is not Why.UNSEEN:
             (shown if own or most is None or len(shown) < most else left).append(f)
     return shown, left
 
@@ -209,12 +206,10 @@ def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
     """Smallest sizes that would have been found, of every effect in its simplest variant."""
     seen: dict[str, tuple[str, str]] = {}
     for f in sorted(found.findings, key=lambda f: len(f.candidate.scale)):
-        effect = f.candidate.effect
-        if f.candidate.name in seen or effect is None:
-            continue
-        finite = np.isfinite(f.smallest_seen).all()
-        said = effect.describe(f.smallest_seen) if finite else "no size: invisible here"
-        seen[f.candidate.name] = (f.candidate.spec, said)
+        said = f.candidate.hypothesis.describe(f.smallest_seen)
+        if f.candidate.name not in seen and said:
+            finite = np.isfinite(f.smallest_seen).all()
+            seen[f.candidate.name] = (f.candidate.spec, said if finite else "no size: invisible here")
     return sorted(seen.values())
 
 
@@ -343,8 +338,8 @@ def change(step: Step, name: str, value: float) -> str:
 def evidence_sentence(e: Evidence) -> str:
     """The case for or against a candidate in one sentence."""
     c, theta = e.candidate, e.finding.theta
-    words = in_words(c, np.clip(theta, c.low, c.high) if e.in_range and c.effect is not None else theta)
-    if e.finding.note.startswith("these poses"):
+    words = c.hypothesis.sentence(np.clip(theta, c.low, c.high) if e.in_range else theta)
+    if e.finding.why is Why.UNSEEN:
         if _geometry(e.finding):
             return f"{e.candidate.name}: no poses can show it, a change of the geometry does the same."
         return f"{e.candidate.name}: these poses cannot show it, whatever its size."

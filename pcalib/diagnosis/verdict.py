@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcalib.diagnosis.candidates import Candidate
+from pcalib.diagnosis.hypothesis import Hypothesis
 
 VERDICTS = ("nothing_missing", "established", "ambiguous", "unexplained")
 
@@ -16,29 +16,29 @@ VERDICTS = ("nothing_missing", "established", "ambiguous", "unexplained")
 class Explanation:
     """One adequate set, with the simplest variant of each of its effects."""
 
-    names: tuple[str, ...]
-    """Effects and levels, sorted."""
-    specs: tuple[str, ...]
-    """How a command line names them, in the order of `names`."""
-    candidates: tuple[Candidate, ...]
+    members: tuple[Hypothesis, ...]
+    """In the simplest variant of each, sorted by name."""
     theta: tuple[np.ndarray, ...]
     sigma: tuple[np.ndarray, ...]
-    """[SI] least-squares parameters of each and their 1σ, linearised; empty arrays for levels."""
+    """[SI] least-squares parameters of each and their 1σ, linearised; empty arrays for levels of the geometry."""
     bic: float
     """Bayesian information criterion; it orders, and never decides."""
     held_out: tuple[float, float] | None = None
     """χ² of the check rows before and after a full refit; None without check rows."""
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the members, which variants of an effect share."""
+        return tuple(h.name for h in self.members)
+
+    @property
+    def specs(self) -> tuple[str, ...]:
+        """How a command line names the members."""
+        return tuple(h.spec for h in self.members)
+
     def words(self) -> str:
-        """Its effects with their sizes."""
-        return "; ".join(in_words(c, theta) for c, theta in zip(self.candidates, self.theta, strict=True))
-
-
-def in_words(candidate: Candidate, theta: np.ndarray) -> str:
-    """An effect with its size, or a level, as people say it."""
-    if candidate.effect is None:
-        return f"geometry of level {candidate.name}"
-    return f"{candidate.effect.title} [{candidate.spec}]: {candidate.effect.describe(theta)}"
+        """Its members with their sizes."""
+        return "; ".join(h.sentence(theta) for h, theta in zip(self.members, self.theta, strict=True))
 
 
 def decide(sets: Sequence[Explanation]) -> tuple[str, tuple[str, ...]]:

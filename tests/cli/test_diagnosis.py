@@ -247,7 +247,7 @@ def test_rivals_may_take_geometry_with_them(run):
     code, out, _ = run("next", "data.csv", "-m", "m24.toml", "--between", "complete,drive_compliance", "-n", 2)
     assert code == 0 and "should tell them apart already" in out
     code, _, err = run("next", "data.csv", "-m", "m.toml", "--between", "complete,drive_compliance", "-n", 2)
-    assert code == 2 and "no extension" in err
+    assert code == 2 and "of level complete already" in err
 
 
 def test_a_rival_that_the_model_has_is_none(run):

@@ -16,11 +16,10 @@ from pcalib import robot as robots
 from pcalib import rotation
 from pcalib.diagnosis import results, telling
 from pcalib.diagnosis.compare import compare
-from pcalib.diagnosis.diagnose import diagnose
+from pcalib.diagnosis.diagnose import Why, diagnose
 from pcalib.diagnosis.evidence import evidence
-from pcalib.diagnosis.kinship import kinship
 from pcalib.diagnosis.steps import add, drop
-from pcalib.diagnosis.visibility import visibility
+from pcalib.diagnosis.visibility import kinship, visibility
 from pcalib.effects import get, parse
 from pcalib.errors import EffectError, InputError
 from pcalib.fitting import identification
@@ -152,7 +151,7 @@ def test_negative_stiffness_is_no_explanation(measured, robot):
     bent = replace(data, position=data.position + away)
     found = diagnose(identification.fit(bent, robot).model, bent, n_draws=ENOUGH_DRAWS)
     mine = next(f for f in found.findings if f.candidate.spec == "drive_compliance")
-    assert mine.p < 0.01 and mine.theta[0] < 0 and "physical range" in mine.note
+    assert mine.p < 0.01 and mine.theta[0] < 0 and mine.why is Why.IMPOSSIBLE
     assert all("drive_compliance" not in e.names for e in found.sets), [e.words() for e in found.sets]
 
 
@@ -253,9 +252,7 @@ def test_a_model_meets_data_of_another_measuring_frame(measured):
     """A model from the base frame is laid onto a tracker's data, and one with a frame does without where none is."""
     data, model = measured((("thermal_arms", 1.0),))
     turn, shift = rotation.exp(np.array([0.8, 1.2, 0.3])), np.array([1.0, 2.0, 0.5])
-    tracked = replace(
-        data, position=data.position @ turn.T + shift, rotation=turn @ data.rotation, frame="tracker"
-    )
+    tracked = replace(data, position=data.position @ turn.T + shift, rotation=turn @ data.rotation, frame="tracker")
     found = compare(model, tracked)
     assert found.fit.rms_pos == pytest.approx(compare(model, data).fit.rms_pos, rel=0.1)
     assert "thermal_arms" in diagnose(model, tracked, n_draws=ENOUGH_DRAWS).established

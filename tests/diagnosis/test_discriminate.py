@@ -10,8 +10,13 @@ import pytest
 from pcalib import effects
 from pcalib.diagnosis import discriminate
 from pcalib.diagnosis.discriminate import Options, _Discrepancy, _Rows, plan
+from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.problem import problem
 from pcalib.errors import EffectError, InputError
+
+
+def hypothesis(name, robot):
+    return Hypothesis.of(effects.get(name, None, robot))
 
 
 def rows(seed, n):
@@ -57,7 +62,10 @@ def test_rows_add_up_as_in_a_full_least_squares(side):
 def plain(measured, robot):
     """No payload anywhere: gravity compliance looks like encoder errors."""
     data, model = measured((), "plain", 60, 0)
-    pair = [[effects.get("drive_compliance", None, robot)], [effects.get("encoder_eccentricity", None, robot)]]
+    pair = [
+        [hypothesis("drive_compliance", robot)],
+        [hypothesis("encoder_eccentricity", robot)],
+    ]
     return problem(model, data), pair
 
 
@@ -82,10 +90,10 @@ def test_chosen_rows_beat_random_ones(plain):
 def test_backlash_asks_for_directions_and_drift_for_time(measured, robot):
     data, model = measured((), "plain", 60, 0)
     made = problem(model, data)
-    found = plan(made, [[effects.get("backlash", None, robot)], []], 6)
+    found = plan(made, [[hypothesis("backlash", robot)], []], 6)
     table = discriminate.table(robot, found)
     assert set(np.unique([table[f"dir{i}"] for i in (1, 2, 3)])) == {-1.0, 1.0}
-    later = plan(made, [[effects.get("base_drift", None, robot)], []], 6)
+    later = plan(made, [[hypothesis("base_drift", robot)], []], 6)
     assert later.conditions.columns["time"].max() >= 3600
     assert later.between == ("base_drift", "nothing")
 
@@ -121,7 +129,7 @@ def test_columns_that_nobody_has_are_named(plain, robot, tmp_path):
         "        return Contribution(actuator=theta[0] * at.columns['humidity'][:, None] * at.q)\n"
     )
     with pytest.raises(EffectError, match="humidity"):
-        plan(made, [[effects.parse(f"{file}:Damp", robot)], []], 3)
+        plan(made, [[Hypothesis.of(effects.parse(f"{file}:Damp", robot))], []], 3)
 
 
 def test_one_thermometer_is_planned_for_as_it_is_written(measured, robot):
@@ -129,7 +137,10 @@ def test_one_thermometer_is_planned_for_as_it_is_written(measured, robot):
     data, model = measured()
     rng = np.random.default_rng(0)
     made = problem(model, replace(data, columns={"temp": 20 + rng.standard_normal(len(data))}))
-    pair = [[effects.get("thermal_arms", None, robot)], [effects.get("thermal_rods", None, robot)]]
+    pair = [
+        [hypothesis("thermal_arms", robot)],
+        [hypothesis("thermal_rods", robot)],
+    ]
     found = plan(made, pair, 6, Options(candidates=200))
     assert set(found.conditions.columns) == {"temp"}
     written = discriminate.table(robot, found)
@@ -141,7 +152,10 @@ def test_a_plan_counts_with_the_repeatability_of_the_joints(measured, robot):
     """Rows that an exact instrument reads behind sloppy joints tell little."""
     data, model = measured((), "plain", 60, 0)
     made = problem(model, data)
-    pair = [[effects.get("backlash", None, robot)], [effects.get("joint_clearance", None, robot)]]
+    pair = [
+        [hypothesis("backlash", robot)],
+        [hypothesis("joint_clearance", robot)],
+    ]
     exact = plan(made, pair, 6)
     unit = made.whitener[:, :1, :1] * 0 + np.eye(6)
     sloppy = replace(made, noise=replace(made.noise, sigma_q=1e-4), whitener=0.25 * unit)
@@ -150,7 +164,10 @@ def test_a_plan_counts_with_the_repeatability_of_the_joints(measured, robot):
 
 def test_rivals_that_nothing_tells_apart_are_one(measured, robot):
     data, model = measured((("drive_compliance", 1.0),))
-    pair = [[effects.get("drive_compliance", None, robot)], [effects.get("arm_bending", None, robot)]]
+    pair = [
+        [hypothesis("drive_compliance", robot)],
+        [hypothesis("arm_bending", robot)],
+    ]
     found = plan(problem(model, data), pair, 6)
     assert found.needed > discriminate.SENSIBLE
     assert "no sensible number of such rows brings them. Treat the two as one" in found.sentence()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pcalib.diagnosis import adequacy, limits
-from pcalib.diagnosis.screen import Group, Noise, Search, screen
+from pcalib.diagnosis import adequacy
+from pcalib.diagnosis.screen import Group, Noise, Search, screen, smallest_seen, visible_size
 
 M = 100
 
@@ -23,7 +23,7 @@ def test_known_values():
     """s for 90 % power at p = 2e-3, by Monte Carlo of the noncentral distribution."""
     rng = np.random.default_rng(1)
     for d in (1, 3, 6):
-        s = limits.visible_size(made(), d, 2e-3)
+        s = visible_size(made(), d, 2e-3)
         z = rng.standard_normal((40000, d))
         z[:, 0] += s
         found = made().p_value(np.sum(z * z, axis=1), d) < 2e-3
@@ -31,7 +31,7 @@ def test_known_values():
 
 
 def test_doubt_about_the_noise_costs_power():
-    sure, unsure = limits.visible_size(made(), 3, 1e-3), limits.visible_size(made(20.0), 3, 1e-3)
+    sure, unsure = visible_size(made(), 3, 1e-3), visible_size(made(20.0), 3, 1e-3)
     assert 1.05 * sure < unsure < 2 * sure
 
 
@@ -39,7 +39,7 @@ def test_doubt_about_the_noise_costs_power():
 def test_smallest_seen_is_seen_nine_times_in_ten(dof):
     base = made(dof)
     critical = float(np.quantile(adequacy.null_distribution(base), 0.05))
-    size = limits.smallest_seen(base, 0, critical)
+    size = smallest_seen(base, 0, critical)
     rng = np.random.default_rng(3)
     hits = 0
     column = np.random.default_rng(0).standard_normal((M, 1)) * 7
@@ -52,4 +52,4 @@ def test_smallest_seen_is_seen_nine_times_in_ten(dof):
 
 
 def test_searching_raises_the_limit():
-    assert limits.smallest_seen(made(trials=100), 0, 1e-3)[0] > 1.1 * limits.smallest_seen(made(), 0, 1e-3)[0]
+    assert smallest_seen(made(trials=100), 0, 1e-3)[0] > 1.1 * smallest_seen(made(), 0, 1e-3)[0]

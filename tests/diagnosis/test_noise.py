@@ -186,9 +186,12 @@ class TestVarianceComponents:
         ],
     )
     def test_the_sentence_says_which_sigma_is_assumed(self, data, stated, said):
-        assert f"100 µm and {said}" in noises.as_stated(
-            replace(data, stated=stated, sigma=np.tile([1e-4] * 3 + [6e-5] * 3, (len(data), 1)))
-        ).sentence()
+        assert (
+            f"100 µm and {said}"
+            in noises.as_stated(
+                replace(data, stated=stated, sigma=np.tile([1e-4] * 3 + [6e-5] * 3, (len(data), 1)))
+            ).sentence()
+        )
 
     def test_too_few_replicates_are_none(self, data):
         few = data.take(slice(0, 4))

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from pcalib import prediction, rotation
-from pcalib.diagnosis.candidates import candidates, richer_levels
-from pcalib.diagnosis.channels import Point
+from pcalib.diagnosis.candidates import candidates
 from pcalib.diagnosis.compare import compare
+from pcalib.diagnosis.hypothesis import richer_levels
 from pcalib.diagnosis.patterns import legendre, patterns
+from pcalib.diagnosis.point import Point
 from pcalib.effects.base import Contribution
 from pcalib.fitting import linearisation
 from pcalib.model import FittedEffect, Frame

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from pcalib.diagnosis import adequacy
-from pcalib.diagnosis.misfit import misfit
-from pcalib.diagnosis.screen import Group, Noise, outside, project_out, screen, span
+from pcalib.diagnosis.screen import Group, Noise, misfit, outside, project_out, screen, span
 
 M = 150
 

@@ -15,8 +15,9 @@ from bench.instrument import Instrument
 from pcalib import robot as robots
 from pcalib.diagnosis import figures, telling
 from pcalib.diagnosis.compare import compare
-from pcalib.diagnosis.diagnose import diagnose
+from pcalib.diagnosis.diagnose import Why, diagnose
 from pcalib.diagnosis.evidence import evidence
+from pcalib.diagnosis.hypothesis import Hypothesis, Kind
 from pcalib.diagnosis.steps import held_out_gain
 from pcalib.diagnosis.verdict import Explanation
 from pcalib.effects import Contribution, Effect, EffectParameter, get
@@ -123,7 +124,7 @@ def test_wording_of_the_first_sentence(measured):
     once = replace(found, verdict="ambiguous", sets=(refused,))
     assert telling.sentence(once).endswith("but held-out poses do not confirm it.")
     assert any("do not confirm it" in line for line in telling.details(once))
-    many = [Explanation((f"e{i}",), (f"e{i}",), (), (), (), 0.0) for i in range(7)]
+    many = [Explanation((Hypothesis(Kind.EFFECT, f"e{i}", f"e{i}"),), (), (), 0.0) for i in range(7)]
     assert "e4 or e5." in telling.sentence(replace(found, verdict="ambiguous", sets=tuple(many[:6]), established=()))
     assert "one of 2 more." in telling.sentence(replace(found, verdict="ambiguous", sets=tuple(many), established=()))
 
@@ -172,7 +173,7 @@ class TestSlidingDrives:
     def test_what_the_geometry_does_too_needs_no_other_poses(self, soft):
         """The number of motor steps per mm is a parameter of the geometry itself."""
         found = diagnose(*soft, n_draws=256)
-        assert any(f.candidate.name == "gear_ratio" and f.note.startswith("these poses") for f in found.findings)
+        assert any(f.candidate.name == "gear_ratio" and f.why is Why.UNSEEN for f in found.findings)
         assert not any("gear_ratio" in line for line in telling.advice_lines(found))
         said = telling.evidence_sentence(evidence(*soft, "gear_ratio"))
         assert said == "gear_ratio: no poses can show it, a change of the geometry does the same."

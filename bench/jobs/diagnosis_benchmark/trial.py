@@ -21,7 +21,8 @@ from bench.jobs.hidden.stage import Stage
 from pcalib import compensation, planning
 from pcalib import robot as robots
 from pcalib.data.measurement import Measurements
-from pcalib.diagnosis.diagnose import Diagnosis, diagnose, with_effects
+from pcalib.diagnosis.diagnose import Diagnosis, diagnose
+from pcalib.diagnosis.hypothesis import with_effects
 from pcalib.errors import FitError
 from pcalib.fitting import identification
 from pcalib.model import FittedEffect, Model
@@ -199,13 +200,14 @@ def _start(found: Diagnosis, effect: str) -> FittedEffect:
     """The effect in the variant that the diagnosis names, at the values it found; else as it ranks first by itself."""
     for explanation in found.sets:
         if explanation.names == (effect,):
-            [candidate], [theta], [spec] = explanation.candidates, explanation.theta, explanation.specs
+            [chosen], [theta] = explanation.members, explanation.theta
             break
     else:
         best = next(f for f in found.findings if f.candidate.name == effect)
-        candidate, theta, spec = best.candidate, best.theta, best.candidate.spec
-    assert candidate.effect is not None
-    return FittedEffect(candidate.effect, np.clip(theta, candidate.low, candidate.high), spec)
+        chosen, theta = best.candidate.hypothesis, best.theta
+    assert chosen.effect is not None
+    low, high = ([getattr(p, end) for p in chosen.effect.parameters] for end in ("low", "high"))
+    return FittedEffect(chosen.effect, np.clip(theta, low, high), chosen.spec)
 
 
 def miss(case: Case, model: Model, seed: int) -> float:

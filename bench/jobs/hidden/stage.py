@@ -30,7 +30,7 @@ from bench.truth import Truth
 from pcalib import effects, rotation
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import candidates
-from pcalib.diagnosis.channels import Point
+from pcalib.diagnosis.point import Point
 from pcalib.effects.gear_ripple import SCANNED
 from pcalib.fitting import identification
 from pcalib.fitting.unknowns import unknowns_of

@@ -1,4 +1,4 @@
-"""What a unit deviation in each channel does to the readings: the alphabet of effects and patterns."""
+"""A model on a set of poses: what a unit deviation of each actuator and rod does to the readings."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Point:
-    """A model on a set of poses, with all that effects and patterns are computed from."""
+    """A model on a set of poses, with everything that effects and patterns are computed from."""
 
     model: Model
     prediction: Prediction
