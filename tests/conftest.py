@@ -36,6 +36,12 @@ SIGMA_POS, SIGMA_ROT = 2e-5, np.radians(0.005)
 
 
 @pytest.fixture(scope="session")
+def own_tests() -> set[str]:
+    """What has a test file of its own, by name: a new effect, fault or kind brings one and is in no other's table."""
+    return {file.stem.removeprefix("test_") for file in Path(__file__).parent.rglob("test_*.py")}
+
+
+@pytest.fixture(scope="session")
 def delta() -> Robot:
     """The default robot."""
     return robots.load(Path(__file__).parents[1] / "models" / "delta.toml")

@@ -1,4 +1,4 @@
-"""docs/files.md names every schema that the code writes, and the keys of what is written."""
+"""The docs name every schema that the code writes; docs/files.md names the keys of what is written."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def keys(value) -> set[str]:
 
 @pytest.mark.parametrize("schema", sorted(SCHEMAS))
 def test_every_schema_is_there(schema):
-    assert f"`{schema}`" in TEXT
+    assert any(f"`{schema}`" in file.read_text(encoding="utf-8") for file in (ROOT / "docs").glob("*.md"))
 
 
 @pytest.fixture(scope="module")

@@ -504,8 +504,8 @@ def test_an_encoder_of_few_bits_stops_at_its_steps():
     assert np.allclose(landed, Machine(ROBOT).land(np.round(COMMANDED / 192e-6) * 192e-6).tcp, atol=1e-12)
 
 
-def test_every_fault_is_estimated_here():
-    assert set(faults.names()) == ESTIMATED
+def test_every_fault_is_estimated_here(own_tests):
+    assert ESTIMATED <= set(faults.names()) <= ESTIMATED | own_tests
 
 
 @pytest.mark.parametrize("name", faults.names())

@@ -36,8 +36,9 @@ def fault(name, uneven=False, seed=3):
     return CATALOGUE[name].draw(ROBOT, np.random.default_rng(seed), uneven)
 
 
-def test_every_effect_of_the_library_is_hidden_by_some_fault():
-    assert {CATALOGUE[name].effect for name in catalogue.LISTED} == set(effects.names())
+def test_every_effect_of_the_library_is_hidden_by_some_fault(own_tests):
+    hidden = {CATALOGUE[name].effect for name in catalogue.LISTED}
+    assert hidden <= set(effects.names()) <= hidden | own_tests
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

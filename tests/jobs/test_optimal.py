@@ -18,7 +18,7 @@ def planned(delta, **settings) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["position", "probe"])
 def test_a_plan_is_for_what_the_instrument_sees(delta, kind):
-    """No other kind's plan tells this one more."""
+    """No plan of a kind that sees other components tells this one more."""
 
     def information(q: np.ndarray) -> float:
         sigma = np.r_[np.full(3, 2e-5), np.full(3, ROT)]
@@ -27,7 +27,7 @@ def test_a_plan_is_for_what_the_instrument_sees(delta, kind):
         return np.linalg.slogdet(np.eye(B.shape[1]) + B.T @ B)[1]
 
     told = {other: information(planned(delta, sigma_pos=2e-5, kind=other)) for other in MEASURED}
-    assert all(told[kind] > told[other] for other in MEASURED if other != kind)
+    assert all(told[kind] > told[other] for other in MEASURED if MEASURED[other] != MEASURED[kind])
 
 
 def test_noise_that_grows_with_distance_counts_as_in_the_middle_of_the_workspace(delta):
