@@ -176,13 +176,20 @@ def _numeric(cell: str) -> bool:
     return True
 
 
-def metadata(table: Table, wanted: Mapping[str, str], plain: Iterable[str]) -> dict[str, float | str]:
+def metadata(
+    table: Table, wanted: Mapping[str, str], plain: Iterable[str], others: Mapping[str, str] | None = None
+) -> dict[str, float | str]:
     """Metadata by quantity: positive numbers in SI for those with a unit, text for the plain ones.
+
+    Args:
+        others: keys that are accepted here and read elsewhere, and the spelling that a message names.
 
     Raises:
         InputError: an unknown key, no or a wrong unit, no positive number, or a comment that looks like a key.
     """
     accepted = [f"{q}_{'mm' if d == 'length' else 'deg'}" for q, d in wanted.items()] + list(plain)
+    others = others or {}
+    accepted += dict.fromkeys(others.values())
 
     def error(key: str, problem: str, remedy: str) -> InputError:
         return InputError(problem, file=table.source, line=table.metadata_lines.get(key), remedy=remedy)
@@ -194,7 +201,7 @@ def metadata(table: Table, wanted: Mapping[str, str], plain: Iterable[str]) -> d
             raise InputError(f"'{key}' stands in a comment", file=table.source, line=line, remedy=f"write # {key} = …")
     out: dict[str, float | str] = {}
     used: dict[str, tuple[str, float]] = {}
-    for key in table.metadata:
+    for key in (key for key in table.metadata if key not in others):
         try:
             used |= units.resolve([*(name for name, _ in used.values()), key], dict(wanted), where="metadata")
         except InputError as problem:

@@ -41,6 +41,9 @@ def join(parts: Sequence[Measurements]) -> Measurements:
         ids.append(np.where(part.pose_id >= 0, part.pose_id + shift, -1))
         shift += int(part.pose_id.max(initial=-1)) + 1
     one = ("q", "position", "rotation", "mask", "tool", "payload", "check", "sigma", "lines")
+    independent = all(part.correlation is None for part in parts)
+    correlation = [np.tile(np.eye(6), (len(p), 1, 1)) if p.correlation is None else p.correlation for p in parts]
+    told = [part.instrument.metadata(part.frame) if part.instrument else {} for part in parts]
     return replace(
         first,
         **{name: np.concatenate([getattr(part, name) for part in parts]) for name in one},
@@ -49,4 +52,6 @@ def join(parts: Sequence[Measurements]) -> Measurements:
         stated=tuple(all(part.stated[i] or not part.kinds[i] for part in parts) for i in (0, 1)),
         source=" + ".join(part.source for part in parts),
         notes={},
+        correlation=None if independent else np.concatenate(correlation),
+        instrument=first.instrument if all(each == told[0] for each in told) else None,
     )

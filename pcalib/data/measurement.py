@@ -5,7 +5,7 @@ The form of the file is in docs/files.md; the same table is read from CSV and fr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,20 +14,20 @@ from numpy.typing import ArrayLike
 
 from pcalib import rotation, units
 from pcalib.data import columns as cols
+from pcalib.data import instrument as instruments
 from pcalib.data import plausibility
+from pcalib.data import sigma as sigmas
 from pcalib.data import table as tables
 from pcalib.data.columns import Columns
+from pcalib.data.instrument import Instrument
+from pcalib.data.sigma import DEFAULT_SIGMA_POS as DEFAULT_SIGMA_POS
+from pcalib.data.sigma import DEFAULT_SIGMA_ROT as DEFAULT_SIGMA_ROT
 from pcalib.data.table import Table
 from pcalib.errors import InputError
 from pcalib.robot import Robot
 
-DEFAULT_SIGMA_POS = 15e-6
-"""[m] 1σ per component taken where a file states none: a laser tracker at arm's length."""
-DEFAULT_SIGMA_ROT = 60e-6
-"""[rad] 1σ per component taken where a file states none."""
 FRAMES = ("base", "tracker")
 QUATERNION = ("qw", "qx", "qy", "qz")
-_SIGMA = {"sigma_pos": "length", "sigma_rot": "angle"}
 _UNIT = {"length": "mm", "angle": "deg", "mass": "kg", "temperature": "degC", "time": "s"}
 
 
@@ -69,6 +69,10 @@ class Measurements:
     """The file, for messages."""
     notes: Mapping[str, np.ndarray] = field(default_factory=dict)
     """The user's own columns of text, (N,)."""
+    correlation: np.ndarray | None = None
+    """(N, 6, 6) correlation of each row's readings; None where they are independent."""
+    instrument: Instrument | None = None
+    """What the file states of the instrument beyond σ per component; `sigma` and `correlation` hold it already."""
 
     def __len__(self) -> int:
         return len(self.q)
@@ -79,6 +83,8 @@ class Measurements:
             "position": (n, 3), "rotation": (n, 3, 3), "mask": (n, 6), "tool": (n, 3), "payload": (n,),
             "pose_id": (n,), "check": (n,), "sigma": (n, 6), "lines": (n,),
         }  # fmt: skip
+        if self.correlation is not None:
+            shapes["correlation"] = (n, 6, 6)
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, not {shape}")
@@ -100,6 +106,7 @@ class Measurements:
         check: ArrayLike | None = None,
         sigma_pos: ArrayLike | None = None,
         sigma_rot: ArrayLike | None = None,
+        instrument: Instrument | None = None,
         frame: str = "base",
         source: str = "measurements",
     ) -> Measurements:
@@ -111,6 +118,7 @@ class Measurements:
             rotation: (N, 3, 3), NaN where not measured; None: position only.
             tool: (3,) or (N, 3) [m]; payload: number or (N,) [kg].
             sigma_pos: [m], sigma_rot: [rad], numbers or (N,); None: not stated.
+            instrument: noise of a tracker or of reflectors, which adds to these.
         """
         q, position = np.array(q, float), np.array(position, float)
         n = len(q)
@@ -118,16 +126,17 @@ class Measurements:
             raise ValueError(f"position has shape {position.shape}, not {(n, 3)}")
         turn = np.full((n, 3, 3), np.nan) if rotation is None else np.array(rotation, float)
         mask = _mask(position, turn)
-        sigma, stated = _sigma(n, sigma_pos, sigma_rot)
+        tool = np.array(np.broadcast_to(0.0 if tool is None else tool, (n, 3)), float)
+        sigma, correlation, stated = sigmas.complete(position, turn, tool, sigma_pos, sigma_rot, instrument)
         return cls(
-            q, position, turn, mask,
-            tool=np.array(np.broadcast_to(0.0 if tool is None else tool, (n, 3)), float),
+            q, position, turn, mask, tool=tool,
             payload=np.array(np.broadcast_to(payload, n), float),
             columns={name: np.array(values, float) for name, values in (columns or {}).items()},
             pose_id=np.full(n, -1) if pose_id is None else np.array(pose_id, int),
             check=np.zeros(n, bool) if check is None else np.array(check, bool),
             sigma=sigma, stated=stated, lines=np.arange(1, n + 1), frame=frame, robot_name=robot.name,
             actuators=robot.mechanism.actuators, actuator_dimension=robot.mechanism.actuator_dimension, source=source,
+            correlation=correlation, instrument=instrument,
         )  # fmt: skip
 
     def take(self, rows: np.ndarray | slice) -> Measurements:
@@ -138,7 +147,15 @@ class Measurements:
             **{name: getattr(self, name)[rows] for name in one},
             columns={name: values[rows] for name, values in self.columns.items()},
             notes={name: values[rows] for name, values in self.notes.items()},
+            correlation=None if self.correlation is None else self.correlation[rows],
         )
+
+    @property
+    def covariance(self) -> np.ndarray | None:
+        """(N, 6, 6) [m, rad] covariance of each row's readings; None where they are independent."""
+        if self.correlation is None:
+            return None
+        return self.correlation * self.sigma[:, :, None] * self.sigma[:, None, :]
 
     @property
     def sigma_stated(self) -> bool:
@@ -174,10 +191,10 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     table = tables.read(path)
     names, dimension = cols.actuators(table, robot)
     plain = (*QUATERNION, *(f"dir{i + 1}" for i in range(len(names))), "pose_id", "set")
-    wanted = dict.fromkeys(names, dimension) | cols.POSITION | cols.ROTATION | cols.CONDITIONS | _SIGMA
+    wanted = dict.fromkeys(names, dimension) | cols.POSITION | cols.ROTATION | cols.CONDITIONS | sigmas.KEYS
     columns = cols.assign(table, wanted, plain, len(names))
     cols.require(columns, dict.fromkeys(names, dimension), "it holds the commanded actuator values")
-    said = cols.metadata(table, _SIGMA, ("frame", "robot"))
+    said = cols.metadata(table, sigmas.KEYS, ("frame", "robot"), instruments.KEYS)
     frame = said.get("frame", "base")
     if frame not in FRAMES:
         raise InputError(
@@ -191,21 +208,23 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     mask = _mask(position, turn)
     tool = cols.tool(columns)
     numeric, text = cols.conditions(columns, len(names))
-    sigma, stated = _sigma(len(q), *(_stated_sigma(columns, key, said.get(key)) for key in _SIGMA))
+    instrument = instruments.read(table, str(frame))
+    point = np.zeros_like(position) if tool is None else tool
+    given = (sigmas.stated(columns, key, said.get(key)) for key in sigmas.KEYS)
+    sigma, correlation, stated = sigmas.complete(position, turn, point, *given, instrument)
     if robot is not None:
         plausibility.joints(columns, robot, q)
         if tool is not None:
             plausibility.tools(columns, robot, tool)
         if frame == "base":
-            reach = np.zeros_like(position) if tool is None else tool
             turned = np.where(np.isnan(turn), np.eye(3), turn)
-            plausibility.positions(columns, robot, position - (turned @ reach[..., None])[..., 0])
+            plausibility.positions(columns, robot, position - (turned @ point[..., None])[..., 0])
     return Measurements(
         q, position, turn, mask,
-        tool=np.zeros_like(position) if tool is None else tool,
-        payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
+        tool=point, payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
         sigma=sigma, stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
+        correlation=correlation, instrument=instrument,
     )  # fmt: skip
 
 
@@ -215,6 +234,11 @@ def save(path: str | Path, data: Measurements) -> None:
     Raises:
         InputError: the file cannot be written, or σ differs between axes, which a file cannot say.
     """
+    if data.correlation is not None and data.instrument is None:
+        raise InputError(
+            "the readings of a row are correlated by no instrument that one file can state",
+            remedy="keep measurements with different instruments in files of their own",
+        )
     n = len(data)
     out: dict[str, np.ndarray | list[str]] = {}
 
@@ -251,29 +275,16 @@ def save(path: str | Path, data: Measurements) -> None:
     if data.check.any():
         out["set"] = ["check" if held else "fit" for held in data.check]
     head = {"robot": data.robot_name, "frame": data.frame} if data.robot_name else {"frame": data.frame}
-    for key, axes, stated in zip(_SIGMA, (slice(0, 3), slice(3, 6)), data.stated, strict=True):
-        if stated:
-            _put_sigma(data, key, axes, head, put)
+    if data.instrument is not None:
+        head |= data.instrument.metadata(data.frame)
+    sigma = sigmas.beside(data.sigma, data.instrument, data.position, data.rotation, data.tool)
+    for key, stated in zip(sigmas.KEYS, data.stated, strict=True):
+        found = sigmas.to_write(data.mask, sigma, key) if stated else None
+        if found is not None and isinstance(found[1], np.ndarray):
+            out[found[0]] = found[1]
+        elif found is not None:
+            head[found[0]] = f"{found[1]:.15g}"
     tables.write(path, out | {name: [str(v) for v in values] for name, values in data.notes.items()}, head)
-
-
-def _put_sigma(
-    data: Measurements, key: str, axes: slice, head: dict[str, str], put: Callable[[str, str, np.ndarray], None]
-) -> None:
-    """σ into the metadata where it is one number, else into a column."""
-    seen = np.where(data.mask[:, axes], data.sigma[:, axes], np.nan)
-    if np.isnan(seen).all():
-        return
-    row = data.sigma[:, axes.start].copy()
-    some = np.flatnonzero(~np.isnan(seen).all(axis=1))
-    row[some] = np.nanmax(seen[some], axis=1)
-    if np.any(np.nan_to_num(seen - row[:, None])):
-        raise InputError(f"{key} differs between axes, which a measurement file cannot say", remedy="use one σ per row")
-    unit = units.UNITS[_UNIT[_SIGMA[key]]]
-    if np.ptp(row[some]) == 0:
-        head[f"{key}_{unit.suffix}"] = f"{row[some][0] / unit.factor:.15g}"
-    else:
-        put(key, unit.dimension, row)
 
 
 def _mask(position: np.ndarray, turn: np.ndarray) -> np.ndarray:
@@ -332,27 +343,6 @@ def _rotation(columns: Columns, robot: Robot | None) -> np.ndarray:
         )
     out[given] = rotation.from_quaternion(values[given] / length[given, None])
     return out
-
-
-def _stated_sigma(columns: Columns, key: str, common: float | str | None) -> np.ndarray | float | None:
-    """σ of each row: its own, else that of the metadata; None where the file states none."""
-    stated = None if common is None else float(common)
-    if key not in columns:
-        return stated
-    name = columns.name(key)
-    values = columns.si(key, blank=stated is not None)
-    if (values < cols.SMALLEST_SIGMA).any():
-        row = int(np.argmax(values < cols.SMALLEST_SIGMA))
-        raise columns.table.error("σ must be positive", row=row, column=name, remedy="e.g. 0.02")
-    return values if stated is None else np.where(np.isnan(values), stated, values)
-
-
-def _sigma(n: int, position: ArrayLike | None, turn: ArrayLike | None) -> tuple[np.ndarray, tuple[bool, bool]]:
-    """(N, 6) σ with the defaults filled in, and whether those of positions and of rotations are stated."""
-    out = np.empty((n, 6))
-    for axes, given, default in ((slice(0, 3), position, DEFAULT_SIGMA_POS), (slice(3, 6), turn, DEFAULT_SIGMA_ROT)):
-        out[:, axes] = np.broadcast_to(default if given is None else given, n)[:, None]
-    return out, (position is not None, turn is not None)
 
 
 def pose_ids(table: Table) -> np.ndarray:

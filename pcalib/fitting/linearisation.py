@@ -9,6 +9,7 @@ import numpy as np
 
 from pcalib import prediction, rotation
 from pcalib.data.measurement import Measurements
+from pcalib.data.noise import Noise
 from pcalib.errors import InputError
 from pcalib.fitting import least_squares
 from pcalib.fitting.unknowns import Unknowns
@@ -74,12 +75,17 @@ def residuals(model: Model, data: Measurements, start: Pose | None = None) -> tu
 
 
 def linearise(
-    model: Model, data: Measurements, unknowns: Unknowns, at: tuple[np.ndarray, Prediction] | None = None
+    model: Model,
+    data: Measurements,
+    unknowns: Unknowns,
+    at: tuple[np.ndarray, Prediction] | None = None,
+    noise: Noise | None = None,
 ) -> Linearisation:
     """Whitened residuals and Jacobians of a model on data.
 
     Args:
         at: what :func:`residuals` gave for this model and these data, where it is known already.
+        noise: that of the readings; what the data state where it is absent.
     """
     error, p = at if at is not None else residuals(model, data)
     closed, JX = prediction.closure_of(model, p)
@@ -93,11 +99,9 @@ def linearise(
     if unknowns.n_frame:
         blocks.append(prediction.frame_columns(model, p))
     columns = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=-1)
-    row, component = np.nonzero(data.mask)
-    sigma = data.sigma[row, component]
-    J = columns.reshape(6 * len(error), columns.shape[-1]).take(6 * row + component, axis=0)
-    J /= sigma[:, None]
-    return Linearisation(error[row, component] / sigma, J, unknowns.n_geometry, row, component, p, motion)
+    noise = Noise.of(data) if noise is None else noise
+    whitened = noise.whiten(error), noise.whiten(columns)
+    return Linearisation(*whitened, unknowns.n_geometry, noise.row, noise.component, p, motion)
 
 
 def seen_from(model: Model, data: Measurements) -> Model:

@@ -1,0 +1,92 @@
+"""σ of readings in files: as stated, by default, with the noise of an instrument, and written again."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pcalib import units
+from pcalib.data import columns as cols
+from pcalib.data.columns import Columns
+from pcalib.data.instrument import Instrument
+from pcalib.errors import InputError
+
+DEFAULT_SIGMA_POS = 15e-6
+"""[m] 1σ per component taken where a file states none: a laser tracker at arm's length."""
+DEFAULT_SIGMA_ROT = 60e-6
+"""[rad] 1σ per component taken where a file states none."""
+KEYS = {"sigma_pos": "length", "sigma_rot": "angle"}
+_SHOWN = {"sigma_pos": "mm", "sigma_rot": "deg"}
+_AXES = (slice(0, 3), slice(3, 6))
+_ROUNDING = 1e-9
+"""Share of a variance below which a difference is rounding: files keep some fifteen digits."""
+
+
+def stated(columns: Columns, key: str, common: float | str | None) -> np.ndarray | float | None:
+    """σ of each row: its own, else that of the metadata; None where the file states none."""
+    every = None if common is None else float(common)
+    if key not in columns:
+        return every
+    name = columns.name(key)
+    values = columns.si(key, blank=every is not None)
+    if (values < cols.SMALLEST_SIGMA).any():
+        row = int(np.argmax(values < cols.SMALLEST_SIGMA))
+        raise columns.table.error("σ must be positive", row=row, column=name, remedy="e.g. 0.02")
+    return values if every is None else np.where(np.isnan(values), every, values)
+
+
+def complete(
+    position: np.ndarray,
+    turn: np.ndarray,
+    tool: np.ndarray,
+    sigma_pos: ArrayLike | None,
+    sigma_rot: ArrayLike | None,
+    instrument: Instrument | None,
+) -> tuple[np.ndarray, np.ndarray | None, tuple[bool, bool]]:
+    """(N, 6) σ of all readings, their (N, 6, 6) correlation, None where there is none, and which σ are stated.
+
+    A stated σ and the instrument's noise add up. A default stands only where neither is stated.
+    """
+    given = (sigma_pos, sigma_rot)
+    told = [value is not None for value in given]
+    sigma = np.empty((len(position), 6))
+    for axes, value, default in zip(_AXES, given, (DEFAULT_SIGMA_POS, DEFAULT_SIGMA_ROT), strict=True):
+        sigma[:, axes] = np.broadcast_to(default if value is None else value, len(sigma))[:, None]
+    if instrument is None:
+        return sigma, None, (told[0], told[1])
+    whole = instrument.covariance(position, turn, tool)
+    by_instrument = (True, len(instrument.reflectors) > 0)
+    for axes, own, other in zip(_AXES, told, by_instrument, strict=True):
+        if other and not own:
+            sigma[:, axes] = 0.0
+    whole += sigma[:, :, None] ** 2 * np.eye(6)
+    sigma = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
+    return sigma, whole / (sigma[:, :, None] * sigma[:, None, :]), (True, told[1] or by_instrument[1])
+
+
+def beside(sigma: np.ndarray, instrument: Instrument | None, *pose: np.ndarray) -> np.ndarray:
+    """(N, 6) what σ holds beside the instrument's noise at a pose (position, rotation, tool)."""
+    if instrument is None:
+        return sigma
+    own = np.diagonal(instrument.covariance(*pose), axis1=1, axis2=2)
+    rest = sigma**2 - own
+    return np.sqrt(np.where(np.abs(rest) < _ROUNDING * own, 0.0, rest))
+
+
+def to_write(mask: np.ndarray, sigma: np.ndarray, key: str) -> tuple[str, float | np.ndarray] | None:
+    """Name and value of one σ in a file: a number where all rows share it, else (N,); None where there is nothing.
+
+    Raises:
+        InputError: σ differs between axes, which a file cannot say.
+    """
+    axes = _AXES[list(KEYS).index(key)]
+    unit = units.UNITS[_SHOWN[key]]
+    seen = np.where(mask[:, axes], sigma[:, axes], np.nan)
+    if not np.nan_to_num(seen, nan=0.0).any():
+        return None
+    row = sigma[:, axes.start].copy()
+    some = np.flatnonzero(~np.isnan(seen).all(axis=1))
+    row[some] = np.nanmax(seen[some], axis=1)
+    if np.isnan(row).any() or np.any(np.nan_to_num(np.abs(seen - row[:, None])) > np.sqrt(_ROUNDING) * row[:, None]):
+        raise InputError(f"{key} differs between axes, which a measurement file cannot say", remedy="use one σ per row")
+    return f"{key}_{unit.suffix}", (row[some][0] if np.ptp(row[some]) == 0 else row) / unit.factor
