@@ -14,6 +14,7 @@ import numpy as np
 
 from pcalib.data.measurement import Measurements
 
+
 @dataclass(frozen=True, eq=False)
 class Noise:
     """Covariance of the readings of N rows; rows are independent of each other."""
