@@ -275,7 +275,7 @@ def test_real_platform():
     assert said and all("far beyond any tolerance" in text for text in said)
     # Beside the capture's frames, which may lie anywhere, joints are millimetres from the drawing.
     mechanism = found.robot.mechanism
-    U, _, _ = np.linalg.svd(trust.rigid_motions(mechanism), full_matrices=False)
+    U, _, _ = np.linalg.svd(mechanism.rigid_motions, full_matrices=False)
     change = fit.candidate.errors
     joints = [i for i, name in enumerate(mechanism.parameters) if name[0] in "pb"]
     assert np.abs(change - U @ (U.T @ change))[joints].max() < 15e-3

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from bench.commands import Row
 from bench.faults import Fault
 from pcalib.errors import InputError
+from pcalib.mechanics.mechanism import Mechanism
 from pcalib.robot import Robot
 from pcalib.settings import Setting
 
@@ -20,25 +20,24 @@ def expansion(typical: float) -> tuple[Setting, ...]:
 
 
 class Growth(Fault):
-    """All parameters of one letter grow by α·(T − 20 °C), T the column temp_<part> (or temp) of the commands."""
+    """The dimensions of one part grow by α·(T − 20 °C), T the column temp_<part> (or temp) of the commands."""
 
-    LETTER: ClassVar[str]
-    """Of the parameters that grow: p, a or l."""
-    LEGS: ClassVar[str] = ""
-    """Of those that grow besides where rods are legs of commanded length."""
     PART: ClassVar[str]
     """Whose temperature counts: arms, rods or base."""
 
     def __init__(self, robot: Robot, **values: Any):
         super().__init__(robot, **values)
-        names = robot.mechanism.parameters
-        letters = self.LETTER + (self.LEGS if robot.kind == "hexapod" else "")
-        self._grows = np.array([re.fullmatch(rf"[{letters}]\d+(\.[xyz])?", name) is not None for name in names])
+        self._grows = np.zeros(len(robot.mechanism.parameters), bool)
+        self._grows[self.dimensions(robot.mechanism).ravel()] = True
         if not self._grows.any():
             raise InputError(
                 f"fault '{self.name}': a robot of kind '{robot.kind}' has no {self.PART} of its own to grow",
                 remedy="leave this fault out for this robot",
             )
+
+    def dimensions(self, mechanism: Mechanism) -> np.ndarray:
+        """Where the parameters that grow stand in k."""
+        raise NotImplementedError
 
     def geometry(self, k: np.ndarray, row: Row) -> np.ndarray:
         return np.where(self._grows, k * (1 + self.values["expansion"] * row.warming(self.PART)), k)

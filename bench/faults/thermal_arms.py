@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bench.faults._growth import Growth, expansion
+from pcalib.mechanics.mechanism import Mechanism
 
 
 class ThermalArms(Growth):
     """The arms grow from their motor axes: every elbow point moves out by α·(T − 20 °C). Aluminium: 23.6 ppm/K."""
 
-    LETTER, PART = "a", "arms"
+    PART = "arms"
     ROTARY = True
     NEEDS = ("temp_arms",)
     MJCF = "positions of the rod bodies in the arms"
     SETTINGS = expansion(2.36e-05)
+
+    def dimensions(self, mechanism: Mechanism) -> np.ndarray:
+        return mechanism.arm_joints
 
 
 FAULT = ThermalArms

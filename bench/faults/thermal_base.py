@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bench.faults._growth import Growth, expansion
+from pcalib.mechanics.mechanism import Mechanism
 
 
 class ThermalBase(Growth):
     """The base grows from its centre by α·(T − 20 °C), and takes the motors along. Steel 12, aluminium 23.6 ppm/K."""
 
-    LETTER, PART = "p", "base"
+    PART = "base"
     NEEDS = ("temp_base",)
     MJCF = "positions of the arm (tower, foot) bodies in the base"
     SETTINGS = expansion(1.2e-05)
+
+    def dimensions(self, mechanism: Mechanism) -> np.ndarray:
+        return mechanism.base_points
 
 
 FAULT = ThermalBase

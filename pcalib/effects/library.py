@@ -142,8 +142,7 @@ def motor_axes(mechanism: Mechanism, k: np.ndarray) -> np.ndarray | None:
 def pivots(at: Situation) -> np.ndarray:
     """(m, 3) [m] base point p of each rod's actuator, base frame."""
     mechanism = at.robot.mechanism
-    p = np.asarray(getattr(mechanism.actuation, "p"))  # noqa: B009 - every actuation of the family has one
-    return at.k[p][mechanism.actuator]
+    return at.k[mechanism.base_points][mechanism.actuator]
 
 
 REFERENCE = 20.0

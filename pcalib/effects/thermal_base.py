@@ -22,7 +22,7 @@ class ThermalBase(PlacedEffect):
     quantities = (EXPANSION,)
 
     def unsuited(self, mechanism: Mechanism) -> str:
-        return "" if hasattr(mechanism.actuation, "p") else "its base points are no parameters of their own"
+        return "" if len(mechanism.base_points) else "its base points are no parameters of their own"
 
     def shapes(self, at: Situation) -> np.ndarray:
         return (warmer(at, "base")[:, None, None] * pivots(at))[None]

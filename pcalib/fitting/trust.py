@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from pcalib import prediction, rotation
+from pcalib import prediction
 from pcalib.data.measurement import Measurements
 from pcalib.fitting.identification import Fit, conditions_of
-from pcalib.mechanics.mechanism import Mechanism, Pose
+from pcalib.mechanics.mechanism import Pose
 from pcalib.prediction import Conditions
 
 FAR = 20.0
@@ -28,8 +28,6 @@ HIDDEN = 30.0
 variance inflation factor."""
 ASKED = 1.3
 """Growth of the RMS from which on the data ask for a change: it is then no small error that made it."""
-SETTINGS = (".offset", ".zero")
-"""Endings of unknowns that are set and not made: zeros of encoders, endstops and legs may lie anywhere."""
 SCALE = 2e-4
 """Relative σ of lengths from which on absolute scale is called weak: 0.1 mm in half a metre."""
 
@@ -131,7 +129,8 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
     far = np.abs(change) / unknowns.scale[:g]
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.sqrt(1 + (change / sigma * inflate) ** 2 / max(chi2, 1e-30))
-    made = [not name.endswith(SETTINGS) for name in unknowns.names[:g]]
+    # Zeros of encoders, endstops and legs are set and not made, and may lie anywhere.
+    made = ~fit.candidate.robot.mechanism.is_setting(unknowns.level)[unknowns.keep]
     S, _, _ = _geometry(fit, data.q[used], conditions_of(data).take(used))
     trace = np.sqrt(np.sum((S[seen] / data.sigma[used][seen][:, None]) ** 2, axis=0))
     hidden = sigma / inflate * trace
@@ -145,8 +144,7 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
         return []
     readings = _readings(fit, data)
     mechanism = fit.candidate.robot.mechanism
-    lengths = [i for i, name in enumerate(mechanism.parameters) if name[0] == "l" and name[1:] in mechanism.rods]
-    rods_free = bool(unknowns.basis[lengths].any())
+    rods_free = bool(unknowns.basis[mechanism.rod_lengths].any())
     out = []
     for name, direction, change, unit, ratio in wanted:
         now = float(np.sqrt(direction @ covariance @ direction))
@@ -174,30 +172,11 @@ def _beside_rigid_motions(fit: Fit) -> np.ndarray:
     g = unknowns.n_geometry
     if not unknowns.level.raw:
         return np.eye(g)
-    scaled = rigid_motions(fit.candidate.robot.mechanism)[unknowns.keep] / unknowns.scale[:g, None]
+    scaled = fit.candidate.robot.mechanism.rigid_motions[unknowns.keep] / unknowns.scale[:g, None]
     U, s, _ = np.linalg.svd(scaled, full_matrices=False)
     U = U[:, s > 1e-9 * s[0]]
     off = np.eye(g) - U @ U.T
     return off * unknowns.scale[:g, None] / unknowns.scale[None, :g]
-
-
-def rigid_motions(mechanism: Mechanism) -> np.ndarray:
-    """(nk, 12) change of the parameters by small motions of the base (translation, rotation) and of the plate."""
-    names, k = mechanism.parameters, mechanism.nominal
-    out = np.zeros((len(names), 12))
-    for i, name in enumerate(names):
-        stem, dot, axis = name.partition(".")
-        sort = stem.rstrip("0123456789")
-        if not dot or sort not in ("p", "b", "beta", "hinge", "tilt"):
-            continue
-        at, side = "xyz".index(axis), 0 if sort in ("p", "beta") else 6
-        if sort in ("beta", "tilt"):
-            out[i, side + 3 + at] = 1.0
-        else:
-            point = np.array([k[names.index(f"{stem}.{c}")] for c in "xyz"])
-            out[i, side + at] = 1.0
-            out[i, side + 3 : side + 6] = -rotation.hat(point)[at]
-    return out
 
 
 def _after(covariance: np.ndarray, direction: np.ndarray, reading: _Reading) -> float:
@@ -234,11 +213,10 @@ def _readings(fit: Fit, data: Measurements) -> list[_Reading]:
     model, unknowns = fit.candidate, fit.unknowns
     mechanism = model.robot.mechanism
     found = []
-    for name in mechanism.parameters:
-        if name.startswith("l") and name[1:] in mechanism.rods:
-            row = unknowns.basis[mechanism.index(name)][None]
-            found.append(_Reading(f"the length of rod {name[1:]}, joint to joint, to 0.05 mm,", row, 5e-5))
-            break
+    if mechanism.is_rod.any():
+        first = int(np.flatnonzero(mechanism.is_rod)[0])
+        row = unknowns.basis[mechanism.actuation.length[first]][None]
+        found.append(_Reading(f"the length of rod {mechanism.rods[first]}, joint to joint, to 0.05 mm,", row, 5e-5))
     S, x, ok = _geometry(fit, data.q, conditions_of(data))
     unseen = [c for c in range(3) if c in mechanism.plate_dofs and not data.mask[:, c].any()]
     if unseen:

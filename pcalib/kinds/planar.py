@@ -13,14 +13,14 @@ Three rows fix the plate's x, y and rotation: the rods, |A1B1| = l1 and |A2B2| =
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pcalib.kinds import Kind, masses, offset, size
 from pcalib.mechanics.layout import AS_DRAWN, EVERYTHING
-from pcalib.mechanics.mechanism import BaseSide, Level, Mechanism, Pose
+from pcalib.mechanics.mechanism import Actuation, BaseSide, Level, Mechanism, Pose
 
 PARAMETERS = ("q0", "a1x", "a2x", "a2y", "b1x", "b2x", "b2y", "l1", "l2")
 """k_C in the paper's order (eqs 39–40)."""
@@ -28,11 +28,16 @@ Q0, A1X, A2X, A2Y, B1X, B2X, B2Y, L1, L2 = range(9)
 ROD_1, ROD_2, DRIVE = range(3)
 
 
-@dataclass(frozen=True)
-class DrivenRod:
-    """Two rods from fixed joints, the first one turned by the actuator."""
+@dataclass(frozen=True, kw_only=True)
+class DrivenRod(Actuation):
+    """Two rods from fixed joints, the first one turned by the actuator; no mass moves with the actuator beside them."""
 
-    columns: np.ndarray = field(default_factory=lambda: np.array([[A1X, L1, Q0], [A2X, A2Y, L2], [A1X, Q0, L1]]))
+    @property
+    def columns(self) -> np.ndarray:
+        return np.array([[A1X, L1, Q0], [A2X, A2Y, L2], [A1X, Q0, L1]])
+
+    def zeros(self, nk: int) -> np.ndarray:
+        return np.eye(nk)[:, [Q0]]
 
     def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
         A = np.zeros((len(q), 3, 3))
@@ -64,10 +69,6 @@ class DrivenRod:
             out[:, DRIVE] = np.arcsin((B[:, DRIVE, 0] + k[A1X]) / k[L1]) - k[Q0]
         return out
 
-    def weight_moment(self, k: np.ndarray, q: np.ndarray, mass: Mapping[str, float], g: np.ndarray) -> np.ndarray:
-        """None: the base joints do not move, and the rods' lower halves hang on the plate."""
-        return np.zeros((len(q), 1))
-
 
 _CLASSICAL = "One motor offset, and one length for both rods. The plate cannot tilt in this model."
 
@@ -88,7 +89,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         actuators=("q1",),
         actuator_dimension="angle",
         actuator=np.zeros(3, int),
-        actuation=DrivenRod(),
+        actuation=DrivenRod(length=np.array([L1, L2, -1])),
         # The columns of a coordinate that is zero by construction are those of the other rod's joint.
         plate_columns=np.array([[B1X, B2Y, B2X], [B2X, B2Y, B1X], [B1X, B2Y, B2X]]),
         plate_signs=np.array([[-1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),

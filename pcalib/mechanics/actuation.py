@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from pcalib import rotation
-from pcalib.mechanics.mechanism import BaseSide
+from pcalib.mechanics.mechanism import Actuation, BaseSide
 
 
 def _per_rod(v: np.ndarray, M: np.ndarray) -> np.ndarray:
@@ -20,27 +20,32 @@ def _per_rod(v: np.ndarray, M: np.ndarray) -> np.ndarray:
     return np.swapaxes(np.matmul(np.swapaxes(v, 0, 1), M), 0, 1)
 
 
-@dataclass(frozen=True)
-class RotaryArms:
+def _spread(nk: int, where: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(nk, n) matrix whose column i holds `values[i]` at the rows `where[i]`, both (n, c)."""
+    out = np.zeros((nk, len(where)))
+    out[where.T, np.arange(len(where))] = values.T
+    return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotaryArms(Actuation):
     """Arms on motor axes: A = p_i + exp(β_i)·Rz(θ_i)·Rx(q_i)·a_r (paper eqs 8–11, with a finite β)."""
 
     azimuth: np.ndarray
     """(nq,) [rad] nominal direction θ_i of each motor axis."""
     actuator: np.ndarray
     """(m,) arm of each rod."""
-    p: np.ndarray
-    """(nq, 3) where p_i stands in k."""
-    beta: np.ndarray
-    """(nq, 3) where β_i stands in k."""
-    a: np.ndarray
-    """(m, 3) where a_r stands in k."""
-    length: np.ndarray
-    """(m,) where l_r stands in k."""
+
+    moves = "arm"
+    mount = "motor"
 
     @property
     def columns(self) -> np.ndarray:
         i = self.actuator
         return np.hstack([self.p[i], self.a, self.beta[i], self.length[:, None]])
+
+    def zeros(self, nk: int) -> np.ndarray:
+        return _spread(nk, self.beta, self._nominal_frames[:, :, 0])
 
     def _frames(self, k: np.ndarray) -> np.ndarray:
         """exp(β_i)·Rz(θ_i), (nq, 3, 3): column 0 is the motor axis as built."""
@@ -99,29 +104,25 @@ class RotaryArms:
         return mass.get("arm", 0.0) * turn @ g
 
 
-@dataclass(frozen=True)
-class Carriages:
+@dataclass(frozen=True, kw_only=True)
+class Carriages(Actuation):
     """Carriages on straight rails: A = p_i + exp(β_i)·(a_r + s_i·q_i·e_i); β_i leans the rail, s_i scales its motor."""
 
     direction: np.ndarray
     """(nq, 3) nominal unit directions e_i of the rails, base frame."""
     actuator: np.ndarray
     """(m,) carriage of each rod."""
-    p: np.ndarray
-    """(nq, 3) where p_i stands in k."""
-    beta: np.ndarray
-    """(nq, 3) where β_i stands in k."""
-    scale: np.ndarray
-    """(nq,) where s_i stands in k."""
-    a: np.ndarray
-    """(m, 3) where a_r stands in k: carriage frame, parallel to the base frame where β = 0."""
-    length: np.ndarray
-    """(m,) where l_r stands in k."""
+
+    moves = "carriage"
+    mount = "rail"
 
     @property
     def columns(self) -> np.ndarray:
         i = self.actuator
         return np.hstack([self.p[i], self.a, self.beta[i], self.scale[i, None], self.length[:, None]])
+
+    def zeros(self, nk: int) -> np.ndarray:
+        return _spread(nk, self.p, self.direction)
 
     def _rails(self, k: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Every anchor runs on a line, A = O + q·D: exp(β) of each rail (nq, 3, 3), O and D (m, 3)."""
@@ -162,22 +163,24 @@ class Carriages:
         return np.broadcast_to(mass.get("carriage", 0.0) * (D @ g), q.shape)
 
 
-@dataclass(frozen=True)
-class Legs:
-    """Legs of commanded length from fixed base joints: l_r = l0_r + s_r·travel_r·q_r."""
+@dataclass(frozen=True, kw_only=True)
+class Legs(Actuation):
+    """Legs of commanded length from fixed base joints: l_r = l0_r + s_r·travel_r·q_r.
+
+    Half of each leg's mass stands at either end, so that no moving mass loads the actuators beside the rod forces.
+    """
 
     travel: np.ndarray
     """(m,) nominal lengthening per unit of command: 1, or [m/rad] where motors are commanded."""
-    p: np.ndarray
-    """(m, 3) where the base joint p_r stands in k."""
-    length: np.ndarray
-    """(m,) where l0_r, the length at q = 0, stands in k."""
-    scale: np.ndarray
-    """(m,) where s_r stands in k."""
+
+    drive = "leg"
 
     @property
     def columns(self) -> np.ndarray:
         return np.hstack([self.p, self.length[:, None], self.scale[:, None]])
+
+    def zeros(self, nk: int) -> np.ndarray:
+        return _spread(nk, self.length[:, None], self.travel[:, None])
 
     def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
         A = np.broadcast_to(k[self.p], (len(q), *self.p.shape))
@@ -194,7 +197,3 @@ class Legs:
     def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
         length = np.linalg.norm(B - k[self.p], axis=-1)
         return (length - k[self.length]) / (k[self.scale] * self.travel)
-
-    def weight_moment(self, k: np.ndarray, q: np.ndarray, mass: Mapping[str, float], g: np.ndarray) -> np.ndarray:
-        """None: half of each leg's mass stands at either end."""
-        return np.zeros(q.shape)

@@ -164,8 +164,7 @@ def judged(
     status = np.full(len(residual), "ok", dtype="<U13")
     turned = _upright(mechanism, pose.R, reference) < np.cos(mechanism.max_tilt)
     if mechanism.rod_side:
-        plain = at.n if at.side.guide is None else at.n[:, np.isnan(at.side.guide[0, :, 0])]
-        turned |= (plain[..., 2] * mechanism.rod_side <= 0).any(axis=-1)
+        turned |= (at.n[:, mechanism.is_rod, 2] * mechanism.rod_side <= 0).any(axis=-1)
     status[turned] = "wrong_branch"
     status[~(residual <= tolerance)] = "not_converged"
     return status

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,29 +40,75 @@ class BaseSide:
     """(nq, 3, 3) turn of each actuator's frame, base frame; None where it has none."""
 
 
-class Actuation(Protocol):
-    """How actuators and base-side parameters place the anchors: rotary arms, carriages, legs."""
+def _no_vectors() -> np.ndarray:
+    return np.zeros((0, 3), int)
+
+
+def _no_numbers() -> np.ndarray:
+    return np.zeros(0, int)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Actuation:
+    """How actuators and base-side parameters place the anchors: rotary arms, carriages, legs.
+
+    The arrays say where parameters of each sort stand in k; an empty one says that there are none of that sort. The
+    frame of a ball joint `a` is that of the part that the actuator moves.
+    """
+
+    p: np.ndarray = field(default_factory=_no_vectors)
+    """(nq, 3) base point of each actuator."""
+    beta: np.ndarray = field(default_factory=_no_vectors)
+    """(nq, 3) rotation vector of each actuator's mount, base frame."""
+    a: np.ndarray = field(default_factory=_no_vectors)
+    """(m, 3) ball joint of each rod on the part that its actuator moves."""
+    scale: np.ndarray = field(default_factory=_no_numbers)
+    """(nq,) factor of each actuator's motion."""
+    length: np.ndarray = field(default_factory=_no_numbers)
+    """(m,) length of each rod, or of a leg at q = 0; −1 on a row that is no rod."""
+    drive: ClassVar[str] = "motor"
+    """'motor', or 'leg' where each actuator is a leg of commanded length with a base point of its own."""
+    moves: ClassVar[str] = ""
+    """What an actuator moves, in words: arm, carriage; empty where it moves the rod itself."""
+    mount: ClassVar[str] = ""
+    """What carries it, in words."""
 
     @property
     def columns(self) -> np.ndarray:
-        """(m, c) indices into the parameter vector: the base-side parameters of each rod, its length included."""
-        ...
+        """(m, c) where the base-side parameters of each rod stand in k, its length included."""
+        raise NotImplementedError
 
     def base(self, k: np.ndarray, q: np.ndarray) -> BaseSide:
         """Anchors for parameters k (nk,) and actuator values q (N, nq)."""
-        ...
+        raise NotImplementedError
 
     def rows(self, k: np.ndarray, q: np.ndarray, side: BaseSide, n: np.ndarray, d: np.ndarray) -> np.ndarray:
         """∂f/∂k of each rod by its `columns`, (N, m, c), for directions n and rod vectors d = B − A (N, m, 3)."""
-        ...
+        raise NotImplementedError
 
     def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
         """Closed-form actuator value that lets each rod reach B (N, m, 3): (N, m), NaN where it cannot."""
-        ...
+        raise NotImplementedError
+
+    def zeros(self, nk: int) -> np.ndarray:
+        """(nk, nq) change of k that acts as an offset of 1 [rad or m] on each actuator, to first order."""
+        raise NotImplementedError
 
     def weight_moment(self, k: np.ndarray, q: np.ndarray, mass: Mapping[str, float], g: np.ndarray) -> np.ndarray:
-        """Generalised force of the moving base-side masses on each actuator, (N, nq) [N·m or N]."""
-        ...
+        """Generalised force of the moving base-side masses on each actuator, (N, nq) [N·m or N]; none by default."""
+        return np.zeros(q.shape)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a robot that may be made, mounted or bent otherwise than drawn, and what of the geometry it changes."""
+
+    name: str
+    """E.g. q1.zero, motor1, arm1, a11, b11, l11, pair1, plate, leg1.zero, hinge1."""
+    words: str
+    """In a technician's words."""
+    basis: np.ndarray
+    """(nk, p) changes of k that it can make."""
 
 
 @dataclass(frozen=True)
@@ -219,3 +265,104 @@ class Mechanism:
         """b_r of every rod, (m, 3) [m], plate frame at zero hinge angles."""
         b = k[self.plate_columns]
         return b if self.plate_signs is None else self.plate_signs * b
+
+    @cached_property
+    def is_rod(self) -> np.ndarray:
+        """(m,) bool: a rod of some length, and no guided row."""
+        return self.actuation.length >= 0
+
+    @property
+    def rod_lengths(self) -> np.ndarray:
+        """Where the lengths of rods stand in k."""
+        return np.unique(self.actuation.length[self.is_rod])
+
+    @property
+    def base_points(self) -> np.ndarray:
+        """(nq, 3) where the base point of each actuator stands in k; empty where it is no parameter."""
+        return self.actuation.p
+
+    @property
+    def arm_joints(self) -> np.ndarray:
+        """(m, 3) where the ball joint of each rod on its arm or carriage stands in k; empty where there are none."""
+        return self.actuation.a
+
+    @property
+    def leg_scales(self) -> np.ndarray:
+        """Where the scales of legs of commanded length stand in k."""
+        return self.actuation.scale if self.actuation.drive == "leg" else _no_numbers()
+
+    @cached_property
+    def motor_zeros(self) -> np.ndarray:
+        """(nk, nq) change of k that acts as an offset of 1 [rad or m] on each actuator, to first order."""
+        return self.actuation.zeros(len(self.nominal))
+
+    @cached_property
+    def rigid_motions(self) -> np.ndarray:
+        """(nk, 12) change of k by small motions (translation, rotation) of the base and of the plate as a whole.
+
+        Motions that the parameters cannot express, as those out of a planar mechanism's plane, are zero.
+        """
+        out = np.zeros((len(self.nominal), 12))
+        plate = [self.plate_columns] if self.plate_signs is None else []
+        for side, points, turns in (
+            (0, [self.actuation.p], [self.actuation.beta]),
+            (6, [*plate, *(h.point[None] for h in self.hinges)], [h.tilt[None] for h in self.hinges]),
+        ):
+            for where in np.concatenate([_no_vectors(), *points]):
+                out[where, side : side + 3] = np.eye(3)
+                out[where, side + 3 : side + 6] = -rotation.hat(self.nominal[where])
+            for where in np.concatenate([_no_vectors(), *turns]):
+                out[where, side + 3 : side + 6] = np.eye(3)
+        return out
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        """Every part of the robot, from its topology; a parameter of no part is one by itself."""
+        found: list[Part] = []
+        act, eye = self.actuation, np.eye(len(self.nominal))
+
+        def add(name: str, words: str, *where: np.ndarray) -> None:
+            columns = np.unique(np.concatenate([np.ravel(w) for w in where]))
+            if len(columns) and not any(np.array_equal(eye[:, columns], part.basis) for part in found):
+                found.append(Part(name, words, eye[:, columns]))
+
+        leg = act.drive == "leg"
+        for i, q in enumerate(self.actuators):
+            rods = np.flatnonzero((self.actuator == i) & self.is_rod)
+            drive, said = (f"leg{i + 1}", f"leg {i + 1}") if leg else (q, f"motor {q}")
+            found.append(Part(f"{drive}.zero", f"the zero of {said}", self.motor_zeros[:, i : i + 1]))
+            add(f"{drive}.scale", f"the motion of {said} per command", act.scale[i : i + 1])
+            if leg:
+                add(f"a{i + 1}", f"the ball joint of leg {i + 1} on the base", act.p[i])
+            else:
+                words = f"the {act.mount} of {act.moves} {i + 1}, its place and tilt"
+                add(f"motor{i + 1}", words, act.p[i : i + 1], act.beta[i : i + 1])
+            if len(act.a):
+                add(f"arm{i + 1}", f"{act.moves} {i + 1} with its ball joints", act.a[rods])
+                if len(rods) > 1:
+                    add(f"pair{i + 1}", f"the rods of {act.moves} {i + 1}", act.length[rods])
+        signs = np.ones(self.plate_columns.shape) if self.plate_signs is None else self.plate_signs
+        for r in np.flatnonzero(self.is_rod):
+            rod, said = self.rods[r], f"{'leg' if leg else 'rod'} {self.rods[r]}"
+            if len(act.a):
+                add(f"a{rod}", f"the ball joint of {said} on {act.moves} {self.actuator[r] + 1}", act.a[r])
+            add(f"b{rod}", f"the ball joint of {said} on the plate", self.plate_columns[r][signs[r] != 0])
+            if not leg:  # the length of a leg is its zero
+                add(f"l{rod}", said, act.length[r])
+        for h, hinge in enumerate(self.hinges, 1):
+            add(f"hinge{h}", f"hinge {h} of the plate", hinge.point, hinge.tilt)
+        add("plate", "the plate with its ball joints", self.plate_columns[self.is_rod][signs[self.is_rod] != 0])
+        covered = np.any(np.hstack([part.basis for part in found]), axis=1)
+        for j in np.flatnonzero(~covered):
+            add(self.parameters[j], f"dimension {self.parameters[j]}", np.array([j]))
+        return tuple(found)
+
+    def is_setting(self, level: Level) -> np.ndarray:
+        """(nz,) bool: coordinates of a level that are zeros of actuators, which are set and not made.
+
+        None of a raw level, where the zero of a leg is the length that it was made with.
+        """
+        if level.raw:
+            return np.zeros(level.basis.shape[1], bool)
+        unit = [b / np.linalg.norm(b, axis=0) for b in (self.motor_zeros, level.basis)]
+        return (np.abs(unit[0].T @ unit[1]) > 1 - 1e-9).any(axis=0)

@@ -67,7 +67,7 @@ def loads(
     q = np.atleast_2d(np.asarray(q, float))
     if at is None:
         at = kinematics.closure(mechanism, k, q, pose)
-    bodies = np.ones(at.f.shape[1]) if at.side.guide is None else np.isnan(at.side.guide[0, :, 0]).astype(float)
+    bodies = mechanism.is_rod.astype(float)
     half = 0.5 * mass.get("rod", 0.0) * bodies[:, None] * g  # (m, 3)
     tool = np.broadcast_to(np.asarray(tool, float), pose.x.shape)
     payload = np.broadcast_to(np.asarray(payload, float), (len(q),))

@@ -85,8 +85,7 @@ def skeleton(model: Model, q: np.ndarray) -> Skeleton:
         )
     at = kinematics.closure(mechanism, k, q, found.pose)
     A, B = at.side.A[0], (at.side.A + at.d)[0]
-    guided = np.zeros(len(A), bool) if at.side.guide is None else ~np.isnan(at.side.guide[0, :, 0])
-    real = ~guided
+    real = mechanism.is_rod
     driven = real & (np.broadcast_to(np.asarray(at.side.dlength, float), (1, len(A)))[0] != 0)
 
     parts: dict[str, list[np.ndarray]] = {"arms": [], "elbows": [], "motors": [], "rails": []}

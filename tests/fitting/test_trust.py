@@ -1,13 +1,18 @@
 """Doubts about fits that have effects in them."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from bench import plan as plans
 from bench import simulate
 from bench import truth as truths
 from bench.kinds import MODELS
+from pcalib import robot as robots
 from pcalib.cli.fit import start_effect
 from pcalib.fitting import identification, trust
+from pcalib.kinds import delta
 
 TRUTH = f"""robot = "{MODELS / "delta.toml"}"
 [geometry]
@@ -43,3 +48,27 @@ def test_effects_see_the_conditions_of_the_data():
 def test_a_change_that_the_data_ask_for_is_no_small_error(held, said):
     doubt = trust.Doubt("radius", 12e-3, 1e-3, "m", 35e-6, held, "", 1e-3)
     assert said in doubt.sentence()
+
+
+def test_a_kind_with_other_names_is_doubted_alike(monkeypatch):
+    """Heights alone leave the scale open; the length of a rod and the motions of base and plate are known by role."""
+    truth = truths.parse(TRUTH)
+    data = simulate.run(truth, plans.make(truth.robot, "rich", 40, seed=2)).measurements
+    data = replace(data, mask=data.mask & (np.arange(6) == 2))
+
+    def said():
+        robot = robots.parse(truth.robot.text)
+        fit = identification.fit(data, robot)
+        return robot.mechanism.parameters[0], [(d.name, d.sigma, d.remedy) for d in trust.doubts(fit, data)]
+
+    def build(dimensions):
+        mechanism = delta.build(dimensions)
+        other = tuple(f"x{i}" for i in range(60))
+        complete = replace(mechanism.levels["complete"], columns=other)
+        return replace(mechanism, parameters=other, levels={"complete": complete}, combinations={})
+
+    first, doubts = said()
+    monkeypatch.setattr(delta, "KIND", replace(delta.KIND, build=build))
+    other, renamed = said()
+    assert (first, other) == ("p1.x", "x0") and doubts
+    assert [d[1:] for d in renamed] == [d[1:] for d in doubts]
