@@ -9,7 +9,6 @@ import numpy as np
 from bench.commands import Row
 from bench.faults import Fault
 from pcalib.errors import InputError
-from pcalib.mechanics.mechanism import Mechanism
 from pcalib.robot import Robot
 from pcalib.settings import Setting
 
@@ -28,14 +27,14 @@ class Growth(Fault):
     def __init__(self, robot: Robot, **values: Any):
         super().__init__(robot, **values)
         self._grows = np.zeros(len(robot.mechanism.parameters), bool)
-        self._grows[self.dimensions(robot.mechanism).ravel()] = True
+        self._grows[self.dimensions(robot).ravel()] = True
         if not self._grows.any():
             raise InputError(
                 f"fault '{self.name}': a robot of kind '{robot.kind}' has no {self.PART} of its own to grow",
                 remedy="leave this fault out for this robot",
             )
 
-    def dimensions(self, mechanism: Mechanism) -> np.ndarray:
+    def dimensions(self, robot: Robot) -> np.ndarray:
         """Where the parameters that grow stand in k."""
         raise NotImplementedError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.faults._growth import Growth, expansion
-from pcalib.mechanics.mechanism import Mechanism
+from pcalib.robot import Robot
 
 
 class ThermalArms(Growth):
@@ -17,8 +17,8 @@ class ThermalArms(Growth):
     MJCF = "positions of the rod bodies in the arms"
     SETTINGS = expansion(2.36e-05)
 
-    def dimensions(self, mechanism: Mechanism) -> np.ndarray:
-        return mechanism.arm_joints
+    def dimensions(self, robot: Robot) -> np.ndarray:
+        return robot.mechanism.arm_joints
 
 
 FAULT = ThermalArms

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.faults._growth import Growth, expansion
-from pcalib.mechanics.mechanism import Mechanism
+from pcalib.robot import Robot
 
 
 class ThermalBase(Growth):
@@ -16,8 +16,8 @@ class ThermalBase(Growth):
     MJCF = "positions of the arm (tower, foot) bodies in the base"
     SETTINGS = expansion(1.2e-05)
 
-    def dimensions(self, mechanism: Mechanism) -> np.ndarray:
-        return mechanism.base_points
+    def dimensions(self, robot: Robot) -> np.ndarray:
+        return robot.mechanism.base_points
 
 
 FAULT = ThermalBase

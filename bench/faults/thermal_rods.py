@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.faults._growth import Growth, expansion
-from pcalib.mechanics.mechanism import Mechanism
+from pcalib.robot import Robot
 
 
 class ThermalRods(Growth):
@@ -16,8 +16,8 @@ class ThermalRods(Growth):
     MJCF = "positions of bodies `tip11` …"
     SETTINGS = expansion(2e-06)
 
-    def dimensions(self, mechanism: Mechanism) -> np.ndarray:
-        return np.concatenate([mechanism.rod_lengths, mechanism.leg_scales])
+    def dimensions(self, robot: Robot) -> np.ndarray:
+        return np.concatenate([robot.mechanism.rod_lengths, robot.mechanism.leg_scales])
 
 
 FAULT = ThermalRods
