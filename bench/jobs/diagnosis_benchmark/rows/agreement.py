@@ -47,7 +47,7 @@ def contradictions(made: Set) -> tuple[str, list[str]]:
 
     found = diagnose(made.model, made.data)
     named = found.sets[0].specs if found.verdict == "established" and len(found.sets[0].specs) == 1 else ()
-    asked = named or [f.candidate.spec for f in found.findings if not f.note][:1]
+    asked = named or [f.candidate.spec for f in found.findings if f.why is None][:1]
     out = []
     for spec in asked:
         explained = evidence(made.model, made.data, spec)
