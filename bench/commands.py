@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -92,6 +92,10 @@ class Commands:
         """Some of the rows."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         return Commands(self.q[rows], self.tool[rows], self.payload[rows], columns, self.index[rows])
+
+    def remembering(self, columns: Mapping[str, np.ndarray]) -> Commands:
+        """The commands with further columns, those that they have already left as they are."""
+        return replace(self, columns={**columns, **self.columns}) if columns else self
 
     def need(self, columns: tuple[str, ...], who: str) -> None:
         """Assert that columns are there and hold numbers.

@@ -232,6 +232,7 @@ class Machine:
         tool = commands.tool.copy()
         for fault in self.faults:
             commands.need(fault.NEEDS, f"fault '{fault.name}'")
+            commands = commands.remembering(fault.history(commands))
         for i, row in enumerate(commands):
             if status[i] != "ok":
                 continue

@@ -90,6 +90,8 @@ def run(
     asked = Commands(commands.q, commands.tool, commands.payload, columns)
     if instrument.values["kind"] == "contact":
         asked = contact.lowered(truth, asked, seed)
+    for fault in present:
+        asked = asked.remembering(fault.history(asked))
     miss = instrument.joint_noise(asked.q, robot.mechanism.actuator_dimension, seed, rows)
     landing = _land(truth, asked, miss, workers, advance) if machine is None else machine.run(asked, miss)
     _judge(truth, landing)

@@ -7,6 +7,7 @@ and knows nothing of the formulas of :mod:`pcalib`.
 
 The hooks, in the order in which the machine calls them (see :mod:`bench.machine`); a fault overrides what it needs:
 
+    history(commands)     once, all rows: what a row remembers of those before it
     build(spec)           once, before the model is compiled
     geometry(k, row)      the robot's dimensions in this row
     shaft(theta, row)     where the actuators really go for what the controller reads
@@ -109,6 +110,10 @@ class Fault:
     def absent(self) -> bool:
         """Whether its sizes are zero."""
         return not any(np.any(self.values[size]) for size in self.SIZES or (self.SETTINGS[0].name,))
+
+    def history(self, commands: Commands) -> Mapping[str, np.ndarray]:
+        """Further columns (N,) of the commands, which hold what each row remembers of the rows before it."""
+        return {}
 
     def build(self, spec: mujoco.MjSpec) -> None:
         """Add joints, springs or bodies to the model."""

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench import faults, simulate
+from bench import faults, random_laws, simulate
 from bench import plan as plans
 from bench import truth as truths
 from bench.commands import Commands
@@ -21,6 +21,7 @@ from bench.instrument import Instrument
 from bench.kinds import MODELS
 from bench.machine import Machine
 from bench.plan import Plan
+from bench.random_laws import Law, Term
 from pcalib import robot as robots
 
 ROBOT = robots.load(MODELS / "delta.toml")
@@ -502,6 +503,75 @@ def test_an_encoder_of_few_bits_stops_at_its_steps():
     steps = faults.make(ROBOT, "encoder_steps", {"step_urad": 192})
     landed = Machine(ROBOT, None, [steps]).land(COMMANDED).tcp
     assert np.allclose(landed, Machine(ROBOT).land(np.round(COMMANDED / 192e-6) * 192e-6).tcp, atol=1e-12)
+
+
+# -- laws that no one has listed ---------------------------------------------------------------------------------
+
+
+def lawful(channel, amplitude, *terms, scale=1.0):
+    """The fault with a law that is written here."""
+    out = faults.make(ROBOT, "random_law", {"scale": scale})
+    out.laws = (Law(channel, "each", np.array(amplitude), tuple(Term(*term) for term in terms)),)
+    return out
+
+
+def moved_rods(change):
+    """TCPs (N, 3) of the robot whose rods differ by `change` (N, 6) [m], row by row."""
+    out = []
+    for n, by in enumerate(change):
+        k = K + sum(by[r] * (np.array(MECHANISM.parameters) == f"l{RODS[r]}") for r in range(6))
+        out.append(Machine(ROBOT, k).run(COMMANDS.take(slice(n, n + 1))).tcp[0])
+    return np.array(out)
+
+
+@estimates("random_law")
+def test_a_law_moves_what_it_says():
+    payload, warm = PAYLOAD / 2.0, (WARM["temp_arms"] - 20.0) / 6.0
+    shift = np.array([3e-5, -2e-5, 4e-5])
+    law = lawful("tool_point", shift, ("payload", "square", 1, 0), ("temp_arms", "kink", 1, 0.4))
+    size = payload**2 * np.maximum(warm - 0.2, 0)
+    assert np.allclose(land(law).tcp, RIGID.tcp + (RIGID.R @ shift) * size[:, None], atol=1e-12)
+
+    law = lawful("motor", [1e-4, 0, -2e-4], ("q", "wave", 2.0, 0.5))
+    low, high = ROBOT.joint_range
+    u = (Q - 0.5 * (low + high)) / (0.5 * (high - low))
+    there = Q + np.array([1e-4, 0, -2e-4]) * np.sin(12 * u + np.pi / 2)
+    assert np.allclose(land(law).tcp, land(commands=replace(COMMANDS, q=there)).tcp, atol=1e-10)
+
+    law = lawful("base_shift", shift, ("payload", "linear", 1, 0))
+    assert np.allclose(land(law).tcp, RIGID.tcp + payload[:, None] * shift, atol=1e-12)
+
+
+def test_a_law_of_rods_sees_their_forces():
+    law = lawful("rod", np.arange(1, 7) * 1e-5, ("load", "saturated", 2.0, 0.0))
+    machine = Machine(ROBOT, K, [law])
+    change = []
+    for n in range(N):
+        machine.run(COMMANDS.take(slice(n, n + 1)))
+        forces = np.array([machine.rig.load(f"rod{rod}.law") for rod in RODS])
+        change.append(np.arange(1, 7) * 1e-5 * np.tanh(2.0 * forces / 20.0))
+    assert np.abs(change).max() > 1e-5
+    assert np.allclose(land(law).tcp, moved_rods(np.array(change)), atol=1e-10)
+
+
+def test_a_memory_is_that_of_the_rows_before_whoever_does_the_work():
+    law = lawful("motor", np.full(3, 1e-4), ("play", "linear", 1, 0))
+    width = 0.15 * np.ptp(ROBOT.joint_range)
+    play = np.array([law.history(COMMANDS)[f"random_law.play{i}"] for i in (1, 2, 3)]).T
+    far = np.abs(np.diff(Q, axis=0)) > 2 * width  # a motion longer than the play ends at its far side
+    assert far.any() and np.allclose(play[1:][far], np.sign(np.diff(Q, axis=0))[far])
+    assert np.abs(play).max() <= 1 + 1e-12 and not play[0].any()
+    truth = truths.Truth(ROBOT, K - MECHANISM.nominal, Instrument(), (law,))
+    many = Commands.of(np.tile(Q, (9, 1)))
+    plan = Plan(many, np.full(len(many), -1), np.zeros(len(many), bool), "test")
+    whole = Machine(ROBOT, K, [law]).run(many).tcp
+    assert np.array_equal(simulate.run(truth, plan).measurements.position, whole)
+
+
+def test_seeds_draw_every_channel_and_every_shape():
+    laws = [law for seed in range(200) for law in random_laws.draw({"actuator": 3, "rod": 6, "axis": 3}, seed)]
+    assert {law.channel for law in laws} == set(random_laws.CHANNELS) and len(laws) > 220
+    assert {term.shape for law in laws for term in law.terms} == set(random_laws.SHAPES)
 
 
 def test_every_fault_is_estimated_here(own_tests):
