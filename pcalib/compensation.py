@@ -17,9 +17,9 @@ from pcalib.errors import InputError, unknown
 from pcalib.mechanics import kinematics
 from pcalib.mechanics.kinematics import Solution
 from pcalib.mechanics.mechanism import Pose
-from pcalib.mechanics.workspace import oriented
 from pcalib.model import Model
 from pcalib.prediction import Conditions
+from pcalib.workspace import oriented
 
 METHODS = ("exact", "first-order")
 

@@ -13,11 +13,11 @@ import numpy as np
 from pcalib import prediction
 from pcalib.errors import InputError
 from pcalib.fitting.identifiability import priors
-from pcalib.mechanics.workspace import allowed as allowed
-from pcalib.mechanics.workspace import reachable as reachable
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot
+from pcalib.workspace import allowed as allowed
+from pcalib.workspace import reachable as reachable
 
 
 def information_blocks(

@@ -18,9 +18,9 @@ from pcalib.data import measurement
 from pcalib.data.measurement import Measurements
 from pcalib.fitting import identification
 from pcalib.mechanics import kinematics
-from pcalib.mechanics.workspace import reachable
 from pcalib.model import FittedEffect, Frame, Model
 from pcalib.prediction import Conditions
+from pcalib.workspace import reachable
 
 TOOLS = np.array([[0, 0, 0], [0, 0, -0.1], [0, 0, -0.3], [0.05, -0.08, -0.2]])
 LEVEL = np.eye(3)

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.jobs.savoure2006 import closed_form as closed
 from pcalib import robot as robots
 from pcalib import rotation
 from pcalib.kinds.planar import A1X, B2Y, Q0
 from pcalib.mechanics import kinematics
-from pcalib.mechanics import planar_closed_form as closed
 
 MODELS = Path(__file__).parents[1] / "models"
 

@@ -14,14 +14,14 @@ import numpy as np
 
 from bench.batch import BatchMachine
 from bench.jobs.demo import RUNGS, Rung
-from pcalib import compensation, planning, rotation
+from pcalib import compensation, planning, rotation, workspace
 from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError, ReachError, unknown
 from pcalib.fitting import identification
-from pcalib.mechanics import grid, kinematics
-from pcalib.mechanics.workspace import allowed, reachable
+from pcalib.mechanics import kinematics
 from pcalib.model import Model
 from pcalib.robot import Robot, Workspace
+from pcalib.workspace import allowed, reachable
 
 DEGREE = np.pi / 180
 TOOLS = (0.0, 0.1, 0.3)
@@ -136,7 +136,7 @@ def study(
         raise InputError(unknown("set of targets", conditions.targets, TARGETS))
     machine = BatchMachine(robot)
     whole = conditions.targets == "rings"
-    plate = rings(robot.workspace) if whole else grid.workspace_grid(robot, conditions.spacing)
+    plate = rings(robot.workspace) if whole else workspace.workspace_grid(robot, conditions.spacing)
     tools = np.array([[0.0, 0.0, -h] for h in conditions.tools])
     errors = np.full((len(rungs), len(tools), conditions.robots, len(plate)), np.nan)
     statuses: dict[str, int] = {}

@@ -26,9 +26,9 @@ from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 from pcalib.fitting import identification
 from pcalib.mechanics import kinematics
-from pcalib.mechanics.workspace import reachable
 from pcalib.model import Model
 from pcalib.robot import Robot
+from pcalib.workspace import reachable
 
 ROOT = Path(__file__).resolve().parents[2]
 FIT_MS, FORWARD_US, EXACT_US, FIRST_US, IMPORT_S, HELP_S = 10.0, 8.0, 12.0, 3.0, 0.25, 0.5

@@ -22,7 +22,7 @@ from bench.instrument import Instrument
 from bench.machine import Machine
 from bench.plan import Plan
 from bench.truth import Truth
-from pcalib import compensation, files, modelfile, planning, summary
+from pcalib import compensation, files, modelfile, planning, summary, workspace
 from pcalib import ladder as ladders
 from pcalib.cli import frame
 from pcalib.data import measurement
@@ -30,10 +30,9 @@ from pcalib.data.measurement import Measurements
 from pcalib.fitting import identification
 from pcalib.fitting.identification import Fit
 from pcalib.ladder import ErrorMap, Ladder, Step
-from pcalib.mechanics import grid
-from pcalib.mechanics.workspace import reachable
 from pcalib.model import Model
 from pcalib.robot import Robot
+from pcalib.workspace import reachable
 
 DEGREE = np.pi / 180
 
@@ -136,7 +135,7 @@ def run(robot: Robot, settings: Settings, advance: Callable[[], None] = lambda: 
     data = simulate.run(truth, plan, settings.seed).measurements
     steps = tuple(climb(data, robot, rung) for rung in RUNGS if _possible(robot, rung))
     advance()
-    plate = grid.workspace_grid(robot, settings.spacing)
+    plate = workspace.workspace_grid(robot, settings.spacing)
     machine = truth.machine()
     maps = []
     for tool in np.array(settings.tools, float).reshape(-1, 3):
@@ -194,7 +193,7 @@ def land(machine: Machine, step: Step, wanted: np.ndarray, tool: np.ndarray) -> 
     landing = machine.land(commands.q, tool)
     status = np.where(commands.status == "ok", landing.status, commands.status)
     errors = landing.tcp - wanted
-    errors[:, grid.uncommanded(machine.robot)] *= 0.0
+    errors[:, workspace.uncommanded(machine.robot)] *= 0.0
     errors[status != "ok"] = np.nan
     return errors, status
 

@@ -12,11 +12,10 @@ from bench import truth as truths
 from bench.commands import REFERENCE_TEMPERATURE, TEMPERATURES, Commands
 from bench.jobs import iso9283
 from bench.truth import Truth
-from pcalib import compensation, modelfile
+from pcalib import compensation, modelfile, workspace
 from pcalib.data import targets
 from pcalib.errors import InputError, ReachError
 from pcalib.ladder import tool_label
-from pcalib.mechanics import grid
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot
@@ -41,7 +40,7 @@ class Task:
 
 def grid_task(robot: Robot, tool: np.ndarray, payload: float = 0.0) -> Task:
     """A grid through the whole workspace, with one tool (3,) [m] and payload [kg]."""
-    plate = grid.workspace_grid(robot)
+    plate = workspace.workspace_grid(robot)
     return Task(plate + tool, None, Conditions(np.broadcast_to(tool, plate.shape), np.full(len(plate), payload)))
 
 

@@ -23,9 +23,9 @@ from pcalib.diagnosis.problem import Problem, spread, unknowns_for
 from pcalib.errors import EffectError, InputError
 from pcalib.fitting import linearisation
 from pcalib.fitting.unknowns import Unknowns
-from pcalib.mechanics.workspace import reachable
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot
+from pcalib.workspace import reachable
 
 ENOUGH = 5.0
 """s, noise units: from about here on rivals are told apart nine times out of ten."""

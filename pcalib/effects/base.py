@@ -101,7 +101,7 @@ class Situation:
         tool = np.broadcast_to(np.asarray(tool, float), pose.x.shape)
         payload = np.broadcast_to(np.asarray(payload, float), (len(q),))
         closed = kinematics.closure(robot.mechanism, k, q, pose, deviation=deviation)
-        loads = statics.loads(robot, k, q, pose, tool, payload, closed)
+        loads = statics.loads(robot.mechanism, k, q, pose, robot.mass, robot.gravity, tool, payload, closed)
         return cls(
             robot=robot, q=q, pose=pose, rods=closed.n, arms=closed.side.dA, tension=loads.tension,
             torque=loads.torque, tool=tool, payload=payload, columns=dict(columns or {}), k=k, position=position,
@@ -154,7 +154,9 @@ class Situation:
 
     def under(self, gravity: np.ndarray) -> Situation:
         """The same poses with another gravity vector (3,) [m/s²] and the loads that it makes."""
-        loads = statics.loads(self.robot, self.k, self.q, self.pose, self.tool, self.payload, gravity=gravity)
+        loads = statics.loads(
+            self.robot.mechanism, self.k, self.q, self.pose, self.robot.mass, gravity, self.tool, self.payload
+        )
         return replace(self, tension=loads.tension, torque=loads.torque, gravity=np.asarray(gravity, float))
 
     def take(self, rows: np.ndarray | slice) -> Situation:

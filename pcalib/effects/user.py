@@ -283,7 +283,7 @@ def _linear(effect: UserEffect, at: Situation, a: np.ndarray, b: np.ndarray) -> 
 
 def trial(robot: Robot, needs: tuple[str, ...] = (), n: int = 9) -> Situation:
     """Some poses of a robot with tools, payloads and made-up values of every column, to try an effect on."""
-    from pcalib.mechanics.workspace import reachable
+    from pcalib.workspace import reachable
 
     rng = np.random.default_rng(7)
     found = reachable(robot, n, rng)

@@ -117,7 +117,7 @@ def expected_rank(
         sigma: (6,) [m, rad] of the instrument.
         frame: whether registration and target place are unknown.
     """
-    from pcalib.mechanics.workspace import reachable
+    from pcalib.workspace import reachable
 
     q = reachable(robot, 40, np.random.default_rng(0)).q
     nominal = replace(Model.nominal(robot), frame=Frame() if frame else None)

@@ -1,1 +1,1 @@
-"""Robots as rods between anchors: closure, kinematics, statics, workspace."""
+"""Robots as rods between anchors: closure, kinematics, statics."""

@@ -11,6 +11,7 @@ drive has to hold against.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,6 @@ from pcalib import rotation
 from pcalib.mechanics import kinematics
 from pcalib.mechanics.kinematics import Closure
 from pcalib.mechanics.mechanism import Mechanism, Pose
-from pcalib.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -30,23 +30,18 @@ class Loads:
     """(N, m) [N] rod forces, tension positive; zero on guided rows, which are no rods."""
     torque: np.ndarray
     """(N, nq) [N·m or N] generalised load on each actuator, positive towards +q."""
-    elbow: np.ndarray
-    """(N, m, 3) [N], base frame: force on each base-side anchor, the rod's pull and half its weight."""
-    rods: np.ndarray
-    """(N, m, 3) unit directions from base-side to plate-side anchor, base frame."""
-    levers: np.ndarray
-    """(N, m, 3) [m or 1], derivative of each base-side anchor by its actuator."""
 
 
 def loads(
-    robot: Robot,
+    mechanism: Mechanism,
     k: np.ndarray,
     q: np.ndarray,
     pose: Pose,
+    mass: Mapping[str, float],
+    gravity: np.ndarray,
     tool: np.ndarray | float = 0.0,
     payload: np.ndarray | float = 0.0,
     at: Closure | None = None,
-    gravity: np.ndarray | None = None,
 ) -> Loads:
     """Rod tensions and actuator loads at N poses.
 
@@ -54,16 +49,16 @@ def loads(
         k: (nk,) geometric parameters.
         q: (N, nq) actuator values [rad or m].
         pose: plate poses that close the loops with q.
+        mass: [kg] of arm, rod, plate …, [m] of arm_com; what is absent weighs nothing.
+        gravity: (3,) [m/s²], base frame.
         tool: (3,) or (N, 3) [m], plate frame: where the payload hangs.
         payload: scalar or (N,) [kg].
         at: the closure at these poses about C, where it is known already (with the deviations of effects).
-        gravity: (3,) [m/s²], base frame; the robot's own when absent.
 
     Returns:
         Loads; NaN at a singular pose, where no rod forces hold the plate.
     """
-    mechanism, mass = robot.mechanism, robot.mass
-    g = robot.gravity if gravity is None else np.asarray(gravity, float)
+    g = np.asarray(gravity, float)
     q = np.atleast_2d(np.asarray(q, float))
     if at is None:
         at = kinematics.closure(mechanism, k, q, pose)
@@ -80,8 +75,7 @@ def loads(
     spread = np.zeros((per_rod.shape[1], len(mechanism.actuators)))
     spread[np.arange(per_rod.shape[1]), mechanism.actuator] = 1.0
     torque = per_rod @ spread + mechanism.actuation.weight_moment(k, q, mass, g)
-    tension = tension * bodies
-    return Loads(tension, torque, tension[..., None] * at.n + half, at.n, at.side.dA)
+    return Loads(tension * bodies, torque)
 
 
 def _weight(

@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pcalib import compensation, modelfile, prediction
+from pcalib import compensation, modelfile, prediction, workspace
 from pcalib.ladder import ErrorMap, Ladder, Step
-from pcalib.mechanics import grid
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 
@@ -44,7 +43,7 @@ def predicted(
         steps.append(Step(f"step{i + 1}", label, then, "exact", text))
     text = "Commands from the model itself: by what it says of the robot, nothing is missed."
     steps.append(Step("model", "Calibrated", real, "exact", text))
-    plate = grid.workspace_grid(robot)
+    plate = workspace.workspace_grid(robot)
     maps = []
     for tool in tools:
         wanted = plate + tool
@@ -81,5 +80,5 @@ def _missed(
         errors[good] = np.where(np.abs(missed) < _ROUNDING, 0.0, missed)
         status[good] = p.status
     errors[status != "ok"] = np.nan
-    errors[:, grid.uncommanded(real.robot)] *= 0.0
+    errors[:, workspace.uncommanded(real.robot)] *= 0.0
     return errors, status

@@ -12,9 +12,9 @@ import numpy as np
 from pcalib.errors import ReachError
 from pcalib.mechanics import kinematics
 from pcalib.mechanics.mechanism import Mechanism, Pose
-from pcalib.mechanics.workspace import reachable
 from pcalib.model import Model
 from pcalib.robot import Robot
+from pcalib.workspace import reachable
 
 _STEP = 1e-4
 

@@ -10,7 +10,7 @@ from bench.machine import Machine
 from pcalib import robot as robots
 from pcalib import rotation
 from pcalib.mechanics import kinematics
-from pcalib.mechanics.workspace import reachable
+from pcalib.workspace import reachable
 
 NAMES = sorted(path.stem for path in MODELS.glob("*.toml") if path.stem != "delta")
 TOOL = np.array([0.02, -0.01, -0.3])

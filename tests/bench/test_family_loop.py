@@ -13,7 +13,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.fitting import identification
 from pcalib.fitting.identifiability import priors
 from pcalib.mechanics import kinematics
-from pcalib.mechanics.workspace import reachable
+from pcalib.workspace import reachable
 
 NAMES = sorted(path.stem for path in MODELS.glob("*.toml") if path.stem != "delta")
 TOOL = np.array([0.02, -0.01, -0.15])

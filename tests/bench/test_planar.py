@@ -5,10 +5,10 @@ import pytest
 
 from bench import faults
 from bench.commands import Commands
+from bench.jobs.savoure2006 import closed_form as paper
 from bench.kinds import MODELS
 from bench.machine import Machine
 from pcalib import robot as robots
-from pcalib.mechanics import planar_closed_form as paper
 
 ROBOT = robots.load(MODELS / "planar.toml")
 MECHANISM = ROBOT.mechanism

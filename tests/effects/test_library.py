@@ -314,7 +314,7 @@ def test_tracker_scale_is_about_the_measuring_origin():
 def test_gravity_tilt_is_the_change_of_the_partners():
     theta = np.array([0.01, -0.02])
     g = rotation.exp(np.array([0.01, -0.02, 0.0])) @ ROBOT.gravity
-    tilted = statics.loads(ROBOT, AT.k, AT.q, AT.pose, AT.tool, AT.payload, gravity=g)
+    tilted = statics.loads(ROBOT.mechanism, AT.k, AT.q, AT.pose, ROBOT.mass, g, AT.tool, AT.payload)
     got = of("gravity_tilt", theta).actuator
     np.testing.assert_allclose(got, 3e-5 * (tilted.torque - AT.torque), rtol=1e-9, atol=1e-15)
     assert arrays(of("gravity_tilt", theta, replace(AT, partners=()))) == {}

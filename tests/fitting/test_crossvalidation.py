@@ -14,8 +14,8 @@ from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 from pcalib.fitting import crossvalidation, identification
 from pcalib.mechanics import kinematics
-from pcalib.mechanics.workspace import reachable
 from pcalib.model import Frame, Model
+from pcalib.workspace import reachable
 
 MODELS = Path(__file__).parents[2] / "models"
 ROBOT = robots.load(MODELS / "hexapod.toml")

@@ -14,9 +14,9 @@ from pcalib.errors import InputError
 from pcalib.fitting.identifiability import THRESHOLD, priors, project_out
 from pcalib.mechanics import kinematics
 from pcalib.mechanics.mechanism import Pose
-from pcalib.mechanics.workspace import reachable
 from pcalib.model import Model
 from pcalib.prediction import Conditions
+from pcalib.workspace import reachable
 
 MODELS = Path(__file__).parents[2] / "models"
 EVERY = {path.stem: robots.load(path) for path in sorted(MODELS.glob("*.toml"))}

@@ -12,7 +12,7 @@ from pcalib import robot as robots
 from pcalib import rotation
 from pcalib.mechanics import kinematics
 from pcalib.mechanics.mechanism import Pose
-from pcalib.mechanics.workspace import reachable
+from pcalib.workspace import reachable
 
 MODELS = sorted((Path(__file__).parents[2] / "models").glob("*.toml"))
 

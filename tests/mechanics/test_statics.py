@@ -57,6 +57,10 @@ def potential(robot, k, q, pose, tool, payload, gravity):
     return -height
 
 
+def loads(robot, k, q, pose, tool=0.0, payload=0.0, at=None):
+    return statics.loads(robot.mechanism, k, q, pose, robot.mass, robot.gravity, tool, payload, at)
+
+
 @pytest.mark.parametrize("path", MODELS, ids=lambda p: p.stem)
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (2.0, -1.5, -9.0)])
 def test_virtual_work(path, gravity):
@@ -65,7 +69,7 @@ def test_virtual_work(path, gravity):
     k, q, pose = some_poses(robot, 5)
     n = len(q)
     tool, payload = np.array([0.02, -0.03, -0.25]), np.linspace(0, 2, n)
-    got = statics.loads(robot, k, q, pose, tool, payload)
+    got = loads(robot, k, q, pose, tool, payload)
     own = mechanism.actuation.weight_moment(k, q, robot.mass, robot.gravity)
 
     def energy(q, deviation=kinematics.RIGID):
@@ -90,7 +94,7 @@ def test_arm_weight_is_minus_slope_of_its_energy(delta):
     k, q, pose = some_poses(delta, 3)
     actuation = delta.mechanism.actuation
     bare = replace(delta, mass=dict(delta.mass) | {"arm": 0.0})
-    alone = statics.loads(delta, k, q, pose).torque - statics.loads(bare, k, q, pose).torque
+    alone = loads(delta, k, q, pose).torque - loads(bare, k, q, pose).torque
 
     def height(q):
         # the centre of mass lies on the arm's own y axis
@@ -107,9 +111,10 @@ def test_centred_plate_by_hand(delta):
     q = np.full((1, 3), 0.1)
     k = delta.mechanism.nominal
     pose = kinematics.forward(delta.mechanism, k, q).pose
-    got = statics.loads(delta, k, q, pose, payload=1.0)
+    got = loads(delta, k, q, pose, payload=1.0)
     np.testing.assert_allclose(got.tension, got.tension[0, 0], rtol=1e-9)
-    np.testing.assert_allclose(-got.tension[0] @ got.rods[0, :, 2], 9.81 * (0.5 + 1.0 + 6 * 0.05), rtol=1e-12)
+    n = kinematics.closure(delta.mechanism, k, q, pose).n
+    np.testing.assert_allclose(-got.tension[0] @ n[0, :, 2], 9.81 * (0.5 + 1.0 + 6 * 0.05), rtol=1e-12)
     assert (got.torque < 0).all()
 
 
@@ -122,7 +127,7 @@ def test_off_centre_compression_of_the_default_delta(delta):
     solved = kinematics.inverse(delta.mechanism, k, x)
     lo, hi = delta.joint_range
     good = solved.ok & ((solved.q >= lo) & (solved.q <= hi)).all(axis=1)
-    least = statics.loads(delta, k, solved.q[good], solved.pose.take(good), payload=1.0).tension.min(axis=1)
+    least = loads(delta, k, solved.q[good], solved.pose.take(good), payload=1.0).tension.min(axis=1)
     far = np.hypot(x[good, 0], x[good, 1])
     assert -8.4 < least.min() < -8.1
     np.testing.assert_allclose(x[good][least.argmin(), 2], -0.675)
@@ -133,7 +138,7 @@ def test_off_centre_compression_of_the_default_delta(delta):
 def test_given_closure_saves_work_and_changes_nothing(delta):
     k, q, pose = some_poses(delta, 4)
     at = kinematics.closure(delta.mechanism, k, q, pose)
-    a, b = statics.loads(delta, k, q, pose, 0.0, 0.5), statics.loads(delta, k, q, pose, 0.0, 0.5, at)
+    a, b = loads(delta, k, q, pose, 0.0, 0.5), loads(delta, k, q, pose, 0.0, 0.5, at)
     np.testing.assert_array_equal(a.torque, b.torque)
 
 
@@ -142,8 +147,8 @@ def test_singular_pose_is_nan_and_leaves_the_others_alone(delta):
     q = np.array([[0.1, 0.2, 0.3], [0, 0, 0], [-0.3, 0.1, 0.0]])
     pose = kinematics.forward(delta.mechanism, k, q).pose
     pose.x[1], pose.R[1] = 0.0, np.eye(3)  # arms, rods and plate in one plane: nothing bears weight
-    got = statics.loads(delta, k, q, pose)
+    got = loads(delta, k, q, pose)
     assert np.isnan(got.tension[1]).all() and np.isnan(got.torque[1]).all()
-    alone = statics.loads(delta, k, q[[0, 2]], pose.take(np.array([0, 2])))
+    alone = loads(delta, k, q[[0, 2]], pose.take(np.array([0, 2])))
     np.testing.assert_allclose(got.tension[[0, 2]], alone.tension, rtol=1e-12)
     np.testing.assert_allclose(got.torque[[0, 2]], alone.torque, rtol=1e-12)

@@ -12,7 +12,8 @@ from bench.commands import Commands
 from bench.instrument import Instrument
 from bench.jobs import optimal
 from bench.jobs.campaign.cell import Plan
-from pcalib.mechanics import grid, kinematics
+from pcalib import workspace
+from pcalib.mechanics import kinematics
 from pcalib.mechanics.mechanism import Pose
 from pcalib.robot import Robot
 
@@ -48,7 +49,7 @@ def targets(robot: Robot, places: str, n: int, spacing: float, seed: int) -> Pos
         ReachError: the workspace has too few poses that the robot can take.
     """
     if places == "grid":
-        x = grid.workspace_grid(robot, spacing or None)
+        x = workspace.workspace_grid(robot, spacing or None)
         return Pose(x, np.broadcast_to(np.eye(3), (len(x), 3, 3)), np.zeros((len(x), len(robot.mechanism.hinges))))
     q = plans.make(robot, places, n, seed=seed, solver=_solver(robot)).commands.q
     return kinematics.forward(robot.mechanism, robot.mechanism.nominal, q).pose

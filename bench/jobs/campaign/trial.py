@@ -25,11 +25,10 @@ from bench.jobs.campaign.spec import Campaign
 from bench.machine import Machine
 from bench.plan import Plan
 from bench.truth import Truth
-from pcalib import compensation, effects
+from pcalib import compensation, effects, workspace
 from pcalib.data.measurement import Measurements
 from pcalib.errors import PcalibError
 from pcalib.fitting import identification
-from pcalib.mechanics import grid
 from pcalib.mechanics.mechanism import Pose
 from pcalib.model import FittedEffect, Model
 from pcalib.prediction import Conditions
@@ -251,7 +250,7 @@ def _verified(
 
 def _judged(stand: Stand, landing: Landing, aligned: bool) -> Landing:
     """A landing with the TCP's directions that no command prescribes as wanted, and aligned, tool by tool."""
-    loose, goals = grid.uncommanded(stand.cell.robot), stand.goals.tcp(stand.tools)
+    loose, goals = workspace.uncommanded(stand.cell.robot), stand.goals.tcp(stand.tools)
     tcp, R, status = landing.tcp.copy(), landing.R.copy(), landing.status.copy()
     tcp[:, loose] = np.where(np.isnan(tcp[:, loose]), np.nan, goals[:, loose])
     P = len(stand.targets)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.jobs.savoure2006 import closed_form as closed
 from bench.jobs.savoure2006.trial import (
     DELTA_ERRORS,
     DELTA_TOOLS,
@@ -26,7 +27,6 @@ from bench.jobs.savoure2006.trial import (
     robot,
 )
 from pcalib.fitting import identifiability
-from pcalib.mechanics import planar_closed_form as closed
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from pcalib import compensation, rotation
+from bench.jobs.savoure2006 import closed_form as closed
+from pcalib import compensation, rotation, workspace
 from pcalib import robot as robots
 from pcalib.data.measurement import Measurements
 from pcalib.fitting import identification
-from pcalib.mechanics import kinematics, workspace
-from pcalib.mechanics import planar_closed_form as closed
+from pcalib.mechanics import kinematics
 from pcalib.model import Model
 from pcalib.robot import Robot
 

@@ -8,9 +8,9 @@ import pytest
 from pcalib import robot as robots
 from pcalib.errors import InputError, ReachError
 from pcalib.mechanics import kinematics
-from pcalib.mechanics.grid import workspace_grid
+from pcalib.workspace import workspace_grid
 
-MODELS = Path(__file__).parents[2] / "models"
+MODELS = Path(__file__).parents[1] / "models"
 KINDS = sorted(f.stem for f in MODELS.glob("*.toml") if "." not in f.stem)
 
 

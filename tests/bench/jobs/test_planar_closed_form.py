@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.jobs.savoure2006 import closed_form as closed
 from pcalib import robot as robots
 from pcalib.mechanics import kinematics
-from pcalib.mechanics import planar_closed_form as closed
 
-MECHANISM = robots.load(Path(__file__).parents[2] / "models" / "planar.toml").mechanism
+MECHANISM = robots.load(Path(__file__).parents[3] / "models" / "planar.toml").mechanism
 NOMINAL = MECHANISM.nominal
 Q = np.radians(np.linspace(-45, 45, 91))
 TABLE_2 = np.array([np.radians(0.01), *np.array([1, 0, 3, 0, -2, 0, 1, -1]) * 1e-3])
