@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -22,7 +23,9 @@ from bench.jobs.bench_speed import median
 from pcalib import compensation
 from pcalib import robot as robots
 from pcalib.cli import frame
+from pcalib.data import measurement
 from pcalib.data.measurement import Measurements
+from pcalib.diagnosis.diagnose import diagnose
 from pcalib.errors import InputError
 from pcalib.fitting import identification
 from pcalib.mechanics import kinematics
@@ -33,6 +36,8 @@ from pcalib.workspace import reachable
 ROOT = Path(__file__).resolve().parents[2]
 FIT_MS, FORWARD_US, EXACT_US, FIRST_US, IMPORT_S, HELP_S = 10.0, 8.0, 12.0, 3.0, 0.25, 0.5
 CLOSURE_TIMES, SETTLING_TIMES = 30.0, 1000.0
+READING_TIMES, DIAGNOSIS_TIMES = 200.0, 100.0
+"""Three times what was measured: 100,000 rows take as long as 70 identifications of 120 poses, a diagnosis as 31."""
 POSES = 60
 TARGETS = 100_000
 ROBOTS = 7
@@ -96,6 +101,7 @@ def command(
         lambda: fits(main_robot, runs),
         lambda: kinematic(main_robot, targets, min(runs, 5)),
         lambda: start_up(min(runs, 7)),
+        lambda: by_the_fit(main_robot, targets, min(runs, 3)),
     ]
     why = peer_sysid.missing() if peers else "left out"
     if not why:
@@ -183,6 +189,22 @@ def start_up(runs: int) -> list[Figure]:
     return [
         Figure("import pcalib, python included", middle("-c", "import pcalib"), "s", IMPORT_S),
         Figure("pcalib --help", middle("-m", "pcalib", "--help"), "s", HELP_S),
+    ]
+
+
+def by_the_fit(robot: Robot, rows: int, runs: int) -> list[Figure]:
+    """How many times as long as an identification it takes to read a large file, and to diagnose 120 poses."""
+    (data,) = data_sets(robot, 120, 1)
+    model = identification.fit(data, robot).model
+    reference = median(lambda: identification.fit(data, robot), 2 * runs)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "large.csv"
+        measurement.save(path, data.take(np.resize(np.arange(len(data)), rows)))
+        reading = median(lambda: measurement.load(path, robot), runs)
+    diagnosing = median(lambda: diagnose(model, data), runs)
+    return [
+        Figure(f"reading {rows} rows, by the time of an identification", reading / reference, "times", READING_TIMES),
+        Figure("diagnosis of 120 poses, by the same", diagnosing / reference, "times", DIAGNOSIS_TIMES),
     ]
 
 

@@ -198,9 +198,7 @@ def test_installed_programs(name):
     def call(*argv):
         return subprocess.run([program(name), *argv], capture_output=True, text=True)
 
-    began = time.perf_counter()
     helped = call("--help")
-    assert time.perf_counter() - began < 2.0  # 0.13 s on an idle machine
     assert helped.returncode == 0 and helped.stdout.startswith(f"Usage: {name}") and helped.stderr == ""
     for argv in (["no-such-command"], ["--no-such-option"]):
         wrong = call(*argv)

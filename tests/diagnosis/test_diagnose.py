@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -129,12 +128,9 @@ def test_position_only(measured):
     assert ("backlash",) in names(found) and np.isnan(found.noise.sigma_rot)
 
 
-def test_time_and_json(measured):
+def test_json(measured):
     data, model = measured((("drive_compliance", 1.0),))
-    rows = data.take(np.arange(120))
-    begun = time.process_time()
-    found = diagnose(model, rows)
-    assert time.process_time() - begun < 3.0  # 2 s on a machine of its own, Monte Carlo of 4096 draws included
+    found = diagnose(model, data.take(np.arange(120)))
     text = results.diagnosis_json(found)
     assert text.keys() >= KEYS and text["schema"] == "pcalib.diagnosis/1"
     assert {"effect", "kappa", "s", "p", "adequate", "parameters"} <= text["candidates"][0].keys()

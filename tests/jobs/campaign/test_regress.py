@@ -207,18 +207,6 @@ def test_the_worst_comes_first():
     assert rows[0][1:] == ["100 µm", "200 µm", "+100.0 %", "worse"]
 
 
-def test_the_reference_task_takes_a_few_milliseconds():
-    """Long enough to be timed, short enough to be repeated."""
-    import time
-
-    best = math.inf
-    for _ in range(5):
-        begun = time.perf_counter()
-        regress.reference()
-        best = min(best, time.perf_counter() - begun)
-    assert 2e-3 < best < 0.3
-
-
 def test_the_workflow_for_users_runs(written, tmp_path, monkeypatch):
     """Its commands, in a folder like that of a user."""
     yaml = pytest.importorskip("yaml")
