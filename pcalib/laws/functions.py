@@ -45,7 +45,8 @@ class Scaled:
     @property
     def text(self) -> str:
         """u as Python text."""
-        shifted = self.variable.text if self.origin == 0 else f"({self.variable.text} - {self.origin:.6g})"
+        sign = "-" if self.origin > 0 else "+"
+        shifted = self.variable.text if self.origin == 0 else f"({self.variable.text} {sign} {abs(self.origin):.6g})"
         return shifted if self.unit == 1 else f"{shifted} / {self.unit:.6g}"
 
     def values(self, at: Situation) -> np.ndarray:
@@ -125,11 +126,14 @@ class Shape:
     text: tuple[str, ...]
     """The same as Python text of `{u}` and `{c}`."""
     on: str
-    """Which variables it is tried on: names, or 'pose' for all that are recorded once per row."""
+    """Which variables it is tried on: names, 'own' for the motor's own angle alone, or 'pose' for all that are recorded
+    once per row."""
     constants: Callable[[np.ndarray], np.ndarray] = lambda u: np.zeros(1)
     """Values of c that are searched, for given u (…)."""
     searched: bool = False
     """Whether c is searched for; it then counts as a parameter."""
+    refined: bool = False
+    """Whether c is refined beside the best of the searched values."""
 
 
 def _frequencies(u: np.ndarray) -> np.ndarray:
@@ -165,13 +169,14 @@ SHAPES = (
     Shape("kink", "{v} beyond {c}", lambda u, c: (np.maximum(u - c, 0.0),), ("np.maximum({u} - {c}, 0)",),
           "q torque pose", lambda u: np.quantile(u, [0.2, 0.35, 0.5, 0.65, 0.8]), True),
     Shape("sine", "waves of {v}, {c} per turn", lambda u, c: (np.sin(c * u), np.cos(c * u)),
-          ("np.sin({c} * {u})", "np.cos({c} * {u})"), "q", _frequencies, True),
+          ("np.sin({c} * {u})", "np.cos({c} * {u})"), "own", _frequencies, True, True),
     Shape("waves", "waves along {v}", lambda u, c: (np.sin(c * u), np.cos(c * u)),
-          ("np.sin({c} * {u})", "np.cos({c} * {u})"), "x y z", lambda u: np.arange(2.0, 14.0, 0.75), True),
+          ("np.sin({c} * {u})", "np.cos({c} * {u})"), "x y z", lambda u: np.arange(2.0, 14.0, 0.75), True,
+          True),
     Shape("step", "a step of {v} at {c}", lambda u, c: (np.where(u > c, 1.0, 0.0),), ("np.where({u} > {c}, 1.0, 0.0)",),
           "time", _places, True),
     Shape("settling", "1 − exp(−t/τ), τ = {c}", lambda u, c: (1 - np.exp(-u / c),), ("1 - np.exp(-{u} / {c})",),
-          "time", _settling, True),
+          "time", _settling, True, True),
 )  # fmt: skip
 
 
@@ -261,7 +266,8 @@ def terms(at: Situation) -> Iterator[Term]:
         wanted = shape.on.split()
         for scaled in found:
             name, per = scaled.variable.name, scaled.variable.per
-            if name not in wanted and not (per == "pose" and "pose" in wanted):
+            own = "own" in wanted and scaled.variable.text == "at.q"
+            if name not in wanted and not own and not (per == "pose" and "pose" in wanted):
                 continue
             for c in shape.constants(scaled.values(at)):
                 yield Term(shape, scaled, float(f"{c:.6g}"))

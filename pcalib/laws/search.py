@@ -7,8 +7,9 @@ complement of the nuisance (geometry, frame, effects of the model) the gain of a
 
 and the smallest p of the whole grammar is compared with its distribution under noise, so that the search is paid for.
 Laws are ordered by BIC with searched constants counted. Those that gain most are refined and put to the adequacy test:
-a law is adequate where no listed effect and no pattern improves on it. Laws whose fitted signals differ by less than
-`ALIKE` noise units form one class, of which the simplest law stands first.
+a law is adequate where no listed effect and no pattern improves on it. Where one law alone is not adequate, laws beside
+a listed effect and pairs of laws are tried the same way. Laws whose fitted signals differ by less than `ALIKE` noise
+units form one class, of which the simplest law stands first.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib.diagnosis import adequacy
+from pcalib.diagnosis.candidates import Candidate
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.screen import INVISIBLE, LARGE, NUISANCE, Group, Noise, Screen, project_out, screen, span
 from pcalib.laws.channels import Channel
@@ -33,46 +35,66 @@ the first ten by BIC."""
 ALIKE = 3.0
 """Noise units between the fitted signals of two laws below which the data cannot tell one from the other: a difference
 of 3 would be found with a power of 60 % if nothing else were in question."""
+BEHIND = 80.0
+"""BIC behind the best explanation from which on another is not put to the test: odds of e^40 against it."""
+ENOUGH = 8
+"""Adequate explanations after which no further ones are tested: they are shown as rivals, and more would not be read."""
+COMPANIONS = 4
+"""Listed effects, and laws, beside which a further law is searched for: those that gain most on their own."""
 BLOCK = 96
 """Functions that are evaluated at once: bounds memory at some 100 MB."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """One law and what the data say of it."""
+    """One explanation that holds a law, and what the data say of it."""
 
-    law: Law
-    theta: np.ndarray
-    sigma: np.ndarray
-    """(columns,) [SI] Amplitudes and their 1σ."""
+    laws: tuple[Law, ...]
+    """One law, or two where one is not enough."""
+    beside: tuple[Candidate, ...]
+    """The listed effect beside which the law stands, where there is one."""
+    theta: tuple[np.ndarray, ...]
+    sigma: tuple[np.ndarray, ...]
+    """[SI] Amplitudes of each law and their 1σ."""
     s: float
-    """Norm of its fitted signal, noise units."""
+    """Norm of the fitted signal, noise units."""
     p: float
-    """Corrected for the whole grammar."""
+    """Of the best law of the grammar, corrected for all laws that were tried."""
     bic: float
     adequate: bool
     """No listed effect and no pattern improves on it."""
     rest: float
-    """Smallest p of what could still improve on it, corrected for all that is tested there."""
+    """Smallest p of what could still improve on it."""
+    listed: tuple[str, ...]
+    """Listed effects that fit this signal as well."""
     signal: np.ndarray
-    """(D,) Fitted signal in the coordinates of the screen."""
+    """(M,) Fitted signal, whitened, outside the nuisance."""
+
+    @property
+    def complexity(self) -> int:
+        """Number of amplitudes and searched constants."""
+        return sum(law.complexity for law in self.laws) + sum(len(c.scale) for c in self.beside)
+
+    def words(self) -> str:
+        """Its laws without figures."""
+        return " and ".join([*(law.words() for law in self.laws), *(f"{c.name} (listed)" for c in self.beside)])
 
 
 @dataclass(frozen=True)
 class Family:
-    """Laws that these data cannot tell apart, the simplest first."""
+    """Explanations that these data cannot tell apart, the simplest first."""
 
-    laws: tuple[Proposal, ...]
+    members: tuple[Proposal, ...]
 
     @property
     def first(self) -> Proposal:
         """The one that stands for the class."""
-        return self.laws[0]
+        return self.members[0]
 
     @property
     def rivals(self) -> tuple[Proposal, ...]:
         """The others."""
-        return self.laws[1:]
+        return self.members[1:]
 
 
 @dataclass(frozen=True)
@@ -89,7 +111,7 @@ class Proposals:
 
     @property
     def adequate(self) -> tuple[Family, ...]:
-        """Classes of laws on which nothing improves."""
+        """Classes on which nothing improves."""
         return tuple(f for f in self.families if f.first.adequate)
 
 
@@ -100,6 +122,8 @@ class _Tried:
     d: int
     p: float
     bic: float
+    companion: int = -1
+    """Which companion it stands beside; −1: none."""
 
 
 def propose(
@@ -112,15 +136,24 @@ def propose(
         level: at which data speak against a law.
     """
     search = _Search.of(made, seed)
-    tried, null = search.all()
+    listed = search.best_listed()
+    tried, null = search.all([search.outside(made.whitened(c.columns)) for c in listed])
     if not tried:
         return Proposals((), 0, 1.0, made)
-    best = min(t.p for t in tried)
-    p = float(adequacy.corrected(best, null))
+    p = float(adequacy.corrected(min(t.p for t in tried), null))
     if p > alpha:
         return Proposals((), len(tried), p, made)
-    chosen = search.refined(_one_of_each(tried)[:TESTED])
-    found = _judged(made, chosen, null, level, seed)
+    judge = _Judge.of(made, p, level, seed)
+    alone = search.refined(_one_of_each([t for t in tried if t.companion < 0]))
+    found = judge.all([((t.law,), (), t.bic) for t in alone])
+    if not any(f.adequate for f in found):
+        beside = _one_of_each([t for t in tried if t.companion >= 0])
+        pairs = [((t.law,), (listed[t.companion],), t.bic) for t in search.refined(beside)]
+        first = _one_of_each([t for t in alone if t.companion < 0])[:COMPANIONS]
+        more, _ = search.all([search.outside(made.whitened(_columns(made, t.law))) for t in first], with_noise=False)
+        second = search.refined(_one_of_each([t for t in more if t.companion >= 0]))
+        pairs += [((first[t.companion].law, t.law), (), t.bic) for t in second]
+        found += judge.all(pairs)
     return Proposals(tuple(_families(found)), len(tried), p, made)
 
 
@@ -148,14 +181,33 @@ class _Search:
         base = screen(made.y, made.nuisance, [], Noise(made.classes, made.noise.dof), n_draws=1)
         return cls(made, project_out(made.y, U), project_out(z, U.astype(np.float32)), U, base.p_value)
 
+    def outside(self, columns: np.ndarray) -> np.ndarray:
+        """(M, r) Orthonormal basis of whitened columns outside the nuisance."""
+        part = project_out(columns, self.U)
+        size = np.linalg.norm(part, axis=0)
+        return span(part / np.where(size > 0, size, 1.0), 1e-4)
+
+    def best_listed(self) -> list[Candidate]:
+        """The listed effects that gain most on their own, one variant of each."""
+        best: dict[str, tuple[float, Candidate]] = {}
+        for c in self.made.candidates:
+            if c.effect is None:
+                continue
+            Q = self.outside(self.made.whitened(c.columns))
+            gain = float(np.sum((Q.T @ self.y) ** 2)) - Q.shape[1] * float(np.log(len(self.y)))
+            if gain > best.get(c.name, (0.0, c))[0]:
+                best[c.name] = gain, c
+        return [c for _, c in sorted(best.values(), key=lambda pair: -pair[0])][:COMPANIONS]
+
     def response(self, channel: Channel, places: tuple[str, ...]) -> np.ndarray:
         """(M, P) Whitened readings per unit deviation of each place."""
         at = self.made.point.situation
         ones = [np.broadcast_to(row, (len(at), len(places))) for row in np.eye(len(places))]
         return self.made.whitened(self.made.point.columns([channel.contribution(at, one) for one in ones]))
 
-    def all(self) -> tuple[list[_Tried], np.ndarray]:
-        """Every law with its gain, and the smallest p of the grammar on each draw, ascending."""
+    def all(self, companions: Sequence[np.ndarray], with_noise: bool = True) -> tuple[list[_Tried], np.ndarray]:
+        """Every law with its gain, alone and beside each companion (M, r), and the smallest p of laws alone on each
+        draw, ascending."""
         null, out = np.ones(DRAWS), []
         for channel, places, found in laws(self.made.point.situation):
             response = self.response(channel, places)
@@ -164,37 +216,55 @@ class _Search:
             for width in (1, 2):
                 same = [term for term in found if len(term.shape.text) == width]
                 for first in range(0, len(same), BLOCK):
-                    tried, smallest = self.block(channel, places, response, same[first : first + BLOCK])
+                    some = same[first : first + BLOCK]
+                    tried, smallest = self.block(channel, places, response, some, companions, with_noise)
                     out += tried
                     null = np.minimum(null, smallest)
         return out, np.sort(null)
 
     def block(
-        self, channel: Channel, places: tuple[str, ...], response: np.ndarray, found: Sequence[Term]
+        self,
+        channel: Channel,
+        places: tuple[str, ...],
+        response: np.ndarray,
+        found: Sequence[Term],
+        companions: Sequence[np.ndarray],
+        with_noise: bool,
     ) -> tuple[list[_Tried], np.ndarray]:
         """Some functions in all sharings on one channel."""
-        G, b, noise = self.moments(channel, response, found, True)
+        beside = [self.y[:, None], *companions]
+        at = np.cumsum([0, *(c.shape[1] for c in beside)])
+        G, b, noise = self.moments(channel, response, found, np.hstack(beside), with_noise)
         out, null = [], np.ones(DRAWS)
         for sharing in sharings(channel, places):
-            g, mine, by_chance = _shared(sharing, places, G, b, noise)
-            T, d = _gain(g, mine[..., None], channel.size)
-            T_noise, _ = _gain(g, by_chance, channel.size)
-            seen = d > 0
-            p = np.where(seen, self.p_value(T[:, 0], np.maximum(d, 1)), 1.0)
-            if seen.any():
-                # The most that a draw gains at each number of columns decides the smallest p.
-                for k in np.unique(d[seen]):
-                    null = np.minimum(null, self.p_value(T_noise[d == k].max(axis=0), np.full(DRAWS, k)))
-            for i in np.flatnonzero(seen):
-                law = Law(channel, sharing, found[i], places)
-                cost = (int(d[i]) + law.term.shape.searched) * np.log(len(self.y))
-                out.append(_Tried(law, float(T[i, 0]), int(d[i]), float(p[i]), float(cost - T[i, 0])))
+            g, mine, by_chance = (_shared(sharing, places, m) for m in (G, b, noise))
+            for k in range(len(beside)):
+                inside, seen_by, level = g, mine[..., :1], 0.0
+                if k:
+                    X = mine[..., at[k] : at[k + 1]]
+                    inside = g - X @ X.transpose(0, 2, 1)
+                    own = companions[k - 1].T @ self.y
+                    seen_by, level = seen_by - (X @ own)[..., None], float(own @ own)
+                T, d = _gain(inside, seen_by, channel.size, g)
+                p = np.where(d > 0, self.p_value(T[:, 0], np.maximum(d, 1)), 1.0)
+                if k == 0 and with_noise:
+                    T_noise, _ = _gain(inside, by_chance, channel.size, g)
+                    for columns in np.unique(d[d > 0]):  # the largest gain at each number of columns decides
+                        largest = T_noise[d == columns].max(axis=0)
+                        null = np.minimum(null, self.p_value(largest, np.full(DRAWS, columns)))
+                extra = companions[k - 1].shape[1] if k else 0
+                for i in np.flatnonzero(d > 0):
+                    law = Law(channel, sharing, found[i], places)
+                    cost = (int(d[i]) + extra + law.term.shape.searched) * np.log(len(self.y))
+                    gain = float(T[i, 0]) + level
+                    out.append(_Tried(law, gain, int(d[i]), float(p[i]), float(cost - gain), k - 1))
         return out, null
 
     def moments(
-        self, channel: Channel, response: np.ndarray, found: Sequence[Term], with_noise: bool
+        self, channel: Channel, response: np.ndarray, found: Sequence[Term], beside: np.ndarray, with_noise: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """G (T, K, P, K, P), b (T, K, P) and those of the draws (T, K, P, n), for K functions at P places."""
+        """G (T, K, P, K·P), products with `beside` (T, K, P, r) and with the draws (T, K, P, n), for K functions at P
+        places."""
         at, row = self.made.point.situation, self.made.row
         P = response.shape[1]
         F = np.stack([np.stack([np.broadcast_to(f, (len(at), P)) for f in term.values(at)]) for term in found])
@@ -203,15 +273,15 @@ class _Search:
         flat = E.transpose(2, 0, 1, 3).reshape(M, -1)
         U = self.U.astype(np.float32)
         flat = flat - U @ (U.T @ flat)
-        b = (flat.T.astype(float) @ self.y).reshape(T, K, P)
+        b = (flat.T @ beside.astype(np.float32)).astype(float).reshape(T, K, P, -1)
         each = flat.reshape(M, T, K * P).transpose(1, 0, 2)
-        G = np.matmul(each.transpose(0, 2, 1), each).astype(float).reshape(T, K, P, K, P)
+        G = np.matmul(each.transpose(0, 2, 1), each).astype(float).reshape(T, K, P, K * P)
         noise = (flat.T @ self.draws).reshape(T, K, P, -1) if with_noise else np.zeros((T, K, P, 0))
         return G, b, noise
 
     def refined(self, chosen: Sequence[_Tried]) -> list[_Tried]:
-        """The same laws at the best constant near the one that the grid had."""
-        return [self._refined(t) if t.law.term.shape.name in ("sine", "settling", "waves") else t for t in chosen]
+        """The best `TESTED` laws, at the best constant near the one that the grid had where a law stands alone."""
+        return [self._refined(t) if t.companion < 0 and t.law.term.shape.refined else t for t in chosen[:TESTED]]
 
     def _refined(self, tried: _Tried) -> _Tried:
         law = tried.law
@@ -220,9 +290,9 @@ class _Search:
         for _ in range(2):
             c = best.law.term.constant
             near = [replace(law.term, constant=float(f"{c * (1 + d):.5g}")) for d in np.linspace(-width, width, 15)]
-            G, b, noise = self.moments(law.channel, response, near, False)
-            g, mine, _ = _shared(law.sharing, law.places, G, b, noise)
-            T, d = _gain(g, mine[..., None], law.channel.size)
+            moments = self.moments(law.channel, response, near, self.y[:, None], False)
+            g, mine, _ = (_shared(law.sharing, law.places, m) for m in moments)
+            T, d = _gain(g, mine, law.channel.size, g)
             i = int(np.argmax(T[:, 0]))
             if T[i, 0] > best.gain and d[i] == best.d:
                 more = float(T[i, 0]) - best.gain
@@ -231,87 +301,117 @@ class _Search:
         return best
 
 
-def _shared(
-    sharing: str, places: tuple[str, ...], G: np.ndarray, b: np.ndarray, noise: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Moments of one sharing: (T, d, d), (T, d), (T, d, n)."""
-    T, K, P = b.shape
+def _shared(sharing: str, places: tuple[str, ...], moments: np.ndarray) -> np.ndarray:
+    """Moments (T, K, P, n) of all places as those of one sharing, (T, d, n); of G both axes are reduced."""
+    T, K, P, n = moments.shape
+    both = n == K * P and moments.ndim == 4
     if sharing == EACH:
-        return G.reshape(T, K * P, K * P), b.reshape(T, K * P), noise.reshape(T, K * P, -1)
-    if sharing in places:
-        i = places.index(sharing)
-        return G[:, :, i, :, i], b[:, :, i], noise[:, :, i]
-    return G.sum(axis=(2, 4)), b.sum(axis=2), noise.sum(axis=2)
+        return moments.reshape(T, K * P, n)
+    i = places.index(sharing) if sharing in places else None
+    out = moments.sum(axis=2) if i is None else moments[:, :, i]
+    if not both:
+        return out
+    out = out.reshape(T, K, K, P)
+    return out.sum(axis=3) if i is None else out[..., i]
 
 
-def _gain(G: np.ndarray, b: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """T (n_laws, n) = bᵀG⁺b over the directions that the largest amplitude would show, and their number (n_laws,)."""
+def _gain(G: np.ndarray, b: np.ndarray, size: float, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """T (n_laws, n) = bᵀG⁺b over the directions that the largest amplitude would show, and their number (n_laws,).
+
+    Args:
+        whole: (n_laws, d, d) the moments before a companion was allowed for: a direction that it leaves less than 1e-4
+            of is its own.
+    """
     values, vectors = np.linalg.eigh(G)
-    # A direction is seen where the largest possible amplitude moves it by INVISIBLE, and rounding does not make it.
-    seen = (values > (INVISIBLE / (LARGE * size)) ** 2) & (values > 1e-4 * values[:, -1:])
+    largest = np.trace(whole, axis1=1, axis2=2)[:, None]
+    seen = (values > (INVISIBLE / (LARGE * size)) ** 2) & (values > 1e-4 * largest)
     inverse = np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)
     turned = np.matmul(vectors.transpose(0, 2, 1), b)
     return np.einsum("td,tdn->tn", inverse, turned**2), seen.sum(axis=1)
 
 
 def _one_of_each(tried: Sequence[_Tried]) -> list[_Tried]:
-    """The best constant of each channel, sharing and function, by BIC."""
+    """The best constant of each companion, channel, sharing and function, by BIC."""
     out: dict[tuple, _Tried] = {}
     for t in sorted(tried, key=lambda t: t.bic):
         term = t.law.term
-        key = (t.law.channel.words, t.law.sharing, term.shape.name, tuple(s.variable.words for s in term.variables))
-        out.setdefault(key, t)
+        function = (term.shape.name, tuple(s.variable.words for s in term.variables))
+        out.setdefault((t.companion, t.law.channel.words, t.law.sharing, function), t)
     return list(out.values())
 
 
-def _judged(
-    made: Problem, chosen: Sequence[_Tried], null: np.ndarray, level: float, seed: int
-) -> list[Proposal]:
-    """The adequacy of each law against all listed effects and patterns, in the order of `chosen`."""
-    groups = [
-        Group(t.law.words(), made.whitened(_columns(made, t.law)), np.full(t.law.columns, t.law.channel.size))
-        for t in chosen
-    ]
-    listed = made.groups
-    noise = Noise(made.classes, made.noise.dof)
-    from_rest = made.noise.source == "residuals" or made.noise.pooled
-    whole = screen(made.y, made.nuisance, [*listed, *groups], noise, from_rest=from_rest, seed=seed)
-    n = len(listed)
-    tested = _without(whole, range(n, n + len(groups)))
-    reference = float(np.quantile(adequacy.null_distribution(tested), level))
-    out = []
-    for i, t in enumerate(chosen):
-        g = n + i
-        mine = _without(whole, [j for j in range(n, n + len(groups)) if j != g])
-        theta, sigma = (a[0] for a in whole.estimate([g]))
-        Q = whole.joint([g])
-        rest = adequacy.p_values(mine, [n])
-        out.append(
-            Proposal(
-                law=t.law,
-                theta=theta,
-                sigma=sigma,
-                s=float(np.sqrt(max(t.gain, 0.0))),
-                p=float(adequacy.corrected(t.p, null)),
-                bic=t.bic,
-                adequate=adequacy.is_adequate(mine, [n], level, reference),
-                rest=float(rest.smallest),
-                signal=Q @ (Q.T @ whole.y),
+@dataclass(frozen=True)
+class _Judge:
+    """The adequacy test of the diagnosis, for laws beside what it lists."""
+
+    made: Problem
+    p: float
+    level: float
+    seed: int
+    reference: float
+    """Critical value with nothing chosen, of the listed effects and the patterns."""
+
+    @classmethod
+    def of(cls, made: Problem, p: float, level: float, seed: int) -> _Judge:
+        null = adequacy.null_distribution(made.screen(seed=seed))
+        return cls(made, p, level, seed, float(np.quantile(null, level)))
+
+    def all(self, wanted: Sequence[tuple[tuple[Law, ...], tuple[Candidate, ...], float]]) -> list[Proposal]:
+        """Explanations (laws, listed effects beside them, BIC) with what the data say of them, the best BIC first."""
+        made, n = self.made, len(self.made.groups)
+        wanted = sorted(wanted, key=lambda w: w[2])[:TESTED]
+        wanted = [w for w in wanted if w[2] < wanted[0][2] + BEHIND]
+        every = list(dict.fromkeys(law for laws, _, _ in wanted for law in laws))
+        groups = [
+            Group(law.words(), made.whitened(_columns(made, law)), np.full(law.columns, law.channel.size))
+            for law in every
+        ]
+        noise = Noise(made.classes, made.noise.dof)
+        from_rest = made.noise.source == "residuals" or made.noise.pooled
+        whole = screen(made.y, made.nuisance, [*made.groups, *groups], noise, from_rest=from_rest, seed=self.seed)
+        named = {id(c): i for i, c in enumerate(made.candidates)}
+        out = []
+        for laws, beside, bic in wanted:
+            if sum(f.adequate for f in out) >= ENOUGH:
+                break
+            mine = [n + every.index(law) for law in laws]
+            chosen = [*mine, *(named[id(c)] for c in beside)]
+            tested = _keeping(whole, [*range(n), *mine])
+            places = [*range(n, n + len(mine)), *chosen[len(mine) :]]
+            theta, sigma = whole.estimate(chosen)
+            Q = whole.joint(chosen)
+            signal = Q @ (Q.T @ whole.y)
+            out.append(
+                Proposal(
+                    laws=laws,
+                    beside=beside,
+                    theta=tuple(theta[: len(laws)]),
+                    sigma=tuple(sigma[: len(laws)]),
+                    s=float(np.linalg.norm(signal)),
+                    p=self.p,
+                    bic=bic,
+                    adequate=adequacy.is_adequate(tested, places, self.level, self.reference),
+                    rest=float(adequacy.p_values(tested, places).smallest),
+                    listed=tuple(
+                        made.candidates[g].name
+                        for g, block in enumerate(whole.blocks[: len(made.candidates)])
+                        if np.linalg.norm(signal - block @ (block.T @ signal)) < ALIKE
+                    ),
+                    signal=whole.basis @ signal,
+                )
             )
-        )
-    return out
+        return out
 
 
-def _without(whole: Screen, gone: Sequence[int] | range) -> Screen:
-    """A screen without some groups, in the same coordinates."""
-    keep = [g for g in range(len(whole.blocks)) if g not in set(gone)]
+def _keeping(whole: Screen, keep: Sequence[int]) -> Screen:
+    """A screen with some of its groups, in the same coordinates."""
 
     def some(values: tuple) -> tuple:
         return tuple(values[g] for g in keep)
 
     return replace(
-        whole, names=some(whole.names), blocks=some(whole.blocks), parts=some(whole.parts), trials=whole.trials[keep],
-        full=some(whole.full), scale=some(whole.scale), limit=some(whole.limit),
+        whole, names=some(whole.names), blocks=some(whole.blocks), parts=some(whole.parts),
+        trials=whole.trials[list(keep)], full=some(whole.full), scale=some(whole.scale), limit=some(whole.limit),
     )  # fmt: skip
 
 
@@ -321,13 +421,13 @@ def _columns(made: Problem, law: Law) -> np.ndarray:
 
 
 def _families(found: Sequence[Proposal]) -> list[Family]:
-    """Classes of laws with nearly one signal: adequate ones first, the simplest law of each class in front."""
+    """Classes of explanations with nearly one signal: adequate ones first, the simplest of each class in front."""
     left = sorted(found, key=lambda p: (not p.adequate, p.bic))
     out = []
     while left:
         head, *others = left
         mine = [p for p in others if np.linalg.norm(p.signal - head.signal) < ALIKE and p.adequate == head.adequate]
-        members = sorted([head, *mine], key=lambda p: (p.law.complexity, p.bic))
+        members = sorted([head, *mine], key=lambda p: (p.complexity, p.bic))
         out.append(Family(tuple(members)))
         left = [p for p in others if all(p is not m for m in mine)]
     return out
