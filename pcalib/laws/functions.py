@@ -28,6 +28,8 @@ class Variable:
     """(N,), (N, nq) or (N, m), SI."""
     text: str
     """The same as Python text of `at`."""
+    unit: str = ""
+    """SI unit in words; empty where none is known."""
     origin: float | None = None
     """Value at which nothing deviates; None: the middle of the data."""
     column: str = ""
@@ -70,30 +72,35 @@ class Scaled:
 
 def variables(at: Situation) -> list[Variable]:
     """What laws may depend on, for the columns that the data have."""
+    load = "N·m" if at.robot.mechanism.actuator_dimension == "angle" else "N"
     out = [
-        Variable("q", "its own angle", "arm", lambda s: s.q, "at.q", 0.0),
-        Variable("torque", "its own torque", "arm", lambda s: s.torque, "at.torque", 0.0),
-        Variable("tension", "its own tension", "rod", lambda s: s.tension, "at.tension", 0.0),
-        Variable("q", "the next arm's angle", "arm", lambda s: np.roll(s.q, -1, 1), "np.roll(at.q, -1, axis=1)", 0.0),
-        Variable("q", "the previous arm's angle", "arm", lambda s: np.roll(s.q, 1, 1), "np.roll(at.q, 1, axis=1)", 0.0),
+        Variable("q", "its own angle", "arm", lambda s: s.q, "at.q", "rad", 0.0),
+        Variable("torque", "its own torque", "arm", lambda s: s.torque, "at.torque", load, 0.0),
+        Variable("tension", "its own tension", "rod", lambda s: s.tension, "at.tension", "N", 0.0),
+        Variable("q", "the next arm's angle", "arm", lambda s: np.roll(s.q, -1, 1), "np.roll(at.q, -1, axis=1)", "rad", 0.0),
+        Variable("q", "the previous arm's angle", "arm", lambda s: np.roll(s.q, 1, 1), "np.roll(at.q, 1, axis=1)", "rad",
+                 0.0),
         Variable("torque", "the next arm's torque", "arm", lambda s: np.roll(s.torque, -1, 1),
-                 "np.roll(at.torque, -1, axis=1)", 0.0),
+                 "np.roll(at.torque, -1, axis=1)", load, 0.0),
         Variable("torque", "the previous arm's torque", "arm", lambda s: np.roll(s.torque, 1, 1),
-                 "np.roll(at.torque, 1, axis=1)", 0.0),
-        Variable("x", "the place along x", "pose", lambda s: s.pose.x[:, 0], "at.pose.x[:, 0]"),
-        Variable("y", "the place along y", "pose", lambda s: s.pose.x[:, 1], "at.pose.x[:, 1]"),
-        Variable("z", "the height", "pose", lambda s: s.pose.x[:, 2], "at.pose.x[:, 2]"),
-        Variable("payload", "payload", "pose", lambda s: s.payload, "at.payload", 0.0),
-        Variable("tool_length", "the length of the tool", "pose", lambda s: s.tool[:, 2], "at.tool[:, 2]", 0.0),
+                 "np.roll(at.torque, 1, axis=1)", load, 0.0),
+        Variable("x", "the place along x", "pose", lambda s: s.pose.x[:, 0], "at.pose.x[:, 0]", "m"),
+        Variable("y", "the place along y", "pose", lambda s: s.pose.x[:, 1], "at.pose.x[:, 1]", "m"),
+        Variable("z", "the height", "pose", lambda s: s.pose.x[:, 2], "at.pose.x[:, 2]", "m"),
+        Variable("payload", "the payload", "pose", lambda s: s.payload, "at.payload", "kg", 0.0),
+        Variable("tool_length", "the length of the tool", "pose", lambda s: s.tool[:, 2], "at.tool[:, 2]", "m",
+                 0.0),
     ]  # fmt: skip
     if np.any(at.directions()):
-        out.append(Variable("dir", "its own direction", "arm", lambda s: s.directions(), "at.directions()", 0.0))
+        out.append(Variable("dir", "its own direction", "arm", lambda s: s.directions(), "at.directions()", "", 0.0))
         out.append(Variable("dir", "the next arm's direction", "arm", lambda s: np.roll(s.directions(), -1, 1),
-                            "np.roll(at.directions(), -1, axis=1)", 0.0))  # fmt: skip
+                            "np.roll(at.directions(), -1, axis=1)", "", 0.0))  # fmt: skip
     for name in _distinct(at):
-        origin = 20.0 if name.startswith("temp") else 0.0 if name == "time" else None
-        words = f"temperature of {name[5:]}" if name.startswith("temp_") else name.replace("_", " ")
-        out.append(Variable(name, words, "pose", _reader(name), f'at.column("{name}")', origin, name))
+        warm = name.startswith("temp")
+        origin = 20.0 if warm else 0.0 if name == "time" else None
+        unit = "K" if warm else "s" if name == "time" else ""
+        words = f"the temperature of {name[5:]}" if name.startswith("temp_") else name.replace("_", " ")
+        out.append(Variable(name, words, "pose", _reader(name), f'at.column("{name}")', unit, origin, name))
     return out
 
 
@@ -218,6 +225,15 @@ class Term:
             written = pattern.format(u=f"({u})" if pattern != "{u}" and " " in u else u, c=f"{self.constant:.6g}")
             out.append(written if self.times is None else f"({written}) * ({_column(self.times, vector)})")
         return out
+
+    @property
+    def reference(self) -> str:
+        """Where an amplitude is counted, e.g. ' at 25 N·m': the value that the variable is scaled to."""
+        known = self.shape.name in ("linear", "square", "cube", "signed square", "absolute") and self.of.unit != 1
+        if not known or self.times is not None:
+            return ""
+        beyond = "" if self.of.origin == 0 else f" beyond {self.of.origin:.3g}"
+        return f" at {self.of.unit:.3g} {self.of.variable.unit}{beyond}".replace("  ", " ")
 
     def words(self) -> str:
         """What it is a function of, as a sentence says it."""

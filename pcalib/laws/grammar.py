@@ -88,7 +88,7 @@ class Law:
         values = shown.reshape(len(self.term.shape.text), -1)
         if len(values) == 2:  # waves: amplitude of each place
             values = np.hypot(*values)[None]
-        return f"{', '.join(figure(float(v)) for v in values[0])} {unit}"
+        return f"{', '.join(figure(float(v)) for v in values[0])} {unit}{self.term.reference}"
 
 
 def laws(at: Situation) -> Iterator[tuple[Channel, tuple[str, ...], list[Term]]]:
