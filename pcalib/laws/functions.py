@@ -77,9 +77,10 @@ def variables(at: Situation) -> list[Variable]:
         Variable("q", "its own angle", "arm", lambda s: s.q, "at.q", "rad", 0.0),
         Variable("torque", "its own torque", "arm", lambda s: s.torque, "at.torque", load, 0.0),
         Variable("tension", "its own tension", "rod", lambda s: s.tension, "at.tension", "N", 0.0),
-        Variable("q", "the next arm's angle", "arm", lambda s: np.roll(s.q, -1, 1), "np.roll(at.q, -1, axis=1)", "rad", 0.0),
-        Variable("q", "the previous arm's angle", "arm", lambda s: np.roll(s.q, 1, 1), "np.roll(at.q, 1, axis=1)", "rad",
-                 0.0),
+        Variable("q", "the next arm's angle", "arm", lambda s: np.roll(s.q, -1, 1),
+                 "np.roll(at.q, -1, axis=1)", "rad", 0.0),
+        Variable("q", "the previous arm's angle", "arm", lambda s: np.roll(s.q, 1, 1),
+                 "np.roll(at.q, 1, axis=1)", "rad", 0.0),
         Variable("torque", "the next arm's torque", "arm", lambda s: np.roll(s.torque, -1, 1),
                  "np.roll(at.torque, -1, axis=1)", load, 0.0),
         Variable("torque", "the previous arm's torque", "arm", lambda s: np.roll(s.torque, 1, 1),
@@ -144,7 +145,7 @@ class Shape:
 
 
 def _frequencies(u: np.ndarray) -> np.ndarray:
-    """Cycles per turn from 0.5 to 60 at steps in which neighbours keep 90 % of each other over the range of the angle."""
+    """Cycles per turn from 0.5 to 60; neighbours share 90 % of their square sum over the range of the angle."""
     step = 0.6 * np.pi / max(float(np.ptp(u)), 0.2)
     return np.arange(0.5, 60.0, min(step, 1.0) * 0.5)
 
@@ -269,8 +270,8 @@ def _as_column(variable: Variable) -> Variable:
 PRODUCTS = (
     ("payload", "q"), ("payload", "x"), ("payload", "y"), ("payload", "z"), ("dir", "torque"), ("dir", "q"),
     ("temp", "q"), ("temp", "x"), ("temp", "y"), ("temp", "z"), ("temp", "torque"), ("temp", "tension"),
-    ("x", "y"), ("y", "z"), ("x", "z"), ("time", "q"), ("time", "x"), ("time", "y"), ("time", "z"), ("column", "q"), ("column", "torque"),
-    ("dir", "temp"), ("dir", "payload"), ("q", "torque"), ("torque", "torque"), ("q", "q"),
+    ("x", "y"), ("y", "z"), ("x", "z"), ("time", "q"), ("time", "x"), ("time", "y"), ("time", "z"),
+    ("column", "q"), ("column", "torque"), ("dir", "temp"), ("dir", "payload"), ("q", "torque"), ("torque", "torque"), ("q", "q"),
 )  # fmt: skip
 """Pairs of variables whose product is tried; `temp` is every temperature, `column` every column of the user's own."""
 
@@ -290,9 +291,9 @@ def terms(at: Situation) -> Iterator[Term]:
     linear = SHAPES[0]
     for i, a in enumerate(found):
         for b in found[i:]:
-            if (_sort(a), _sort(b)) not in PRODUCTS and (_sort(b), _sort(a)) not in PRODUCTS:
+            if {(_sort(a), _sort(b)), (_sort(b), _sort(a))}.isdisjoint(PRODUCTS) or a is b:
                 continue
-            if a is not b and {a.variable.per, b.variable.per} <= {"pose", "arm"} or {a.variable.per, b.variable.per} == {"pose", "rod"}:
+            if {a.variable.per, b.variable.per} != {"arm", "rod"}:
                 yield Term(linear, a, 0.0, b)
 
 

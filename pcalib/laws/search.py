@@ -38,7 +38,7 @@ of 3 would be found with a power of 60 % if nothing else were in question."""
 BEHIND = 80.0
 """BIC behind the best explanation from which on another is not put to the test: odds of e^40 against it."""
 ENOUGH = 8
-"""Adequate explanations after which no further ones are tested: they are shown as rivals, and more would not be read."""
+"""Adequate explanations after which no further ones are tested: nobody would read more rivals."""
 COMPANIONS = 4
 """Listed effects, and laws, beside which a further law is searched for: those that gain most on their own."""
 BLOCK = 96
@@ -238,6 +238,7 @@ class _Search:
         out, null = [], np.ones(DRAWS)
         for sharing in sharings(channel, places):
             g, mine, by_chance = (_shared(sharing, places, m) for m in (G, b, noise))
+            moves = np.all(np.diagonal(g, axis1=1, axis2=2) > 0, axis=1)  # every amplitude must move something
             for k in range(len(beside)):
                 inside, seen_by, level = g, mine[..., :1], 0.0
                 if k:
@@ -253,7 +254,7 @@ class _Search:
                         largest = T_noise[d == columns].max(axis=0)
                         null = np.minimum(null, self.p_value(largest, np.full(DRAWS, columns)))
                 extra = companions[k - 1].shape[1] if k else 0
-                for i in np.flatnonzero(d > 0):
+                for i in np.flatnonzero(moves & (d > 0)):
                     law = Law(channel, sharing, found[i], places)
                     cost = (int(d[i]) + extra + law.term.shape.searched) * np.log(len(self.y))
                     gain = float(T[i, 0]) + level
@@ -361,7 +362,7 @@ class _Judge:
         made, n = self.made, len(self.made.groups)
         wanted = sorted(wanted, key=lambda w: w[2])[:TESTED]
         wanted = [w for w in wanted if w[2] < wanted[0][2] + BEHIND]
-        every = list(dict.fromkeys(law for laws, _, _ in wanted for law in laws))
+        every = list(dict.fromkeys(law for some, _, _ in wanted for law in some))
         groups = [
             Group(law.words(), made.whitened(_columns(made, law)), np.full(law.columns, law.channel.size))
             for law in every
@@ -371,10 +372,10 @@ class _Judge:
         whole = screen(made.y, made.nuisance, [*made.groups, *groups], noise, from_rest=from_rest, seed=self.seed)
         named = {id(c): i for i, c in enumerate(made.candidates)}
         out = []
-        for laws, beside, bic in wanted:
+        for chosen_laws, beside, bic in wanted:
             if sum(f.adequate for f in out) >= ENOUGH:
                 break
-            mine = [n + every.index(law) for law in laws]
+            mine = [n + every.index(law) for law in chosen_laws]
             chosen = [*mine, *(named[id(c)] for c in beside)]
             tested = _keeping(whole, [*range(n), *mine])
             places = [*range(n, n + len(mine)), *chosen[len(mine) :]]
@@ -383,10 +384,10 @@ class _Judge:
             signal = Q @ (Q.T @ whole.y)
             out.append(
                 Proposal(
-                    laws=laws,
+                    laws=chosen_laws,
                     beside=beside,
-                    theta=tuple(theta[: len(laws)]),
-                    sigma=tuple(sigma[: len(laws)]),
+                    theta=tuple(theta[: len(chosen_laws)]),
+                    sigma=tuple(sigma[: len(chosen_laws)]),
                     s=float(np.linalg.norm(signal)),
                     p=self.p,
                     bic=bic,

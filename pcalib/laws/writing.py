@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+
 from pcalib import units
 from pcalib.laws.grammar import EACH, Law
-from pcalib.laws.search import Proposal
 from pcalib.wording import figure
 
 _HELPERS = ("along_arms", "motor_axes")
@@ -31,14 +32,13 @@ def equation(law: Law) -> str:
     return "\n        ".join([" +\n        ".join(functions), *each])
 
 
-def written(found: Proposal, source: str) -> str:
-    """The text of an effect file for a law that was found in the data of `source`."""
-    law = found.law
+def written(law: Law, theta: np.ndarray, source: str) -> str:
+    """The text of an effect file for a law with amplitudes theta (columns,) [SI], found in the data of `source`."""
     snake, camel = names(law)
     shown = units.factor(law.channel.unit)
     body, size = _body(law)
-    prior = float(f"{max(abs(found.theta).max(), 1e-9):.2g}")
-    values = ", ".join(figure(float(v) / shown) for v in found.theta)
+    prior = float(f"{max(float(np.abs(theta).max()), 1e-9):.2g}")
+    values = ", ".join(figure(float(v) / shown) for v in theta)
     parameters = "".join(
         f'\n        EffectParameter("{name}", "{law.channel.unit}", {prior:g}),' for name in law.amplitudes
     )
@@ -48,13 +48,14 @@ def written(found: Proposal, source: str) -> str:
     numpy = "import numpy as np\n\n" if "np." in "".join((*body, expression)) else ""
     text = f'''"""{law.words()[0].upper()}{law.words()[1:]}.
 
-`pcalib propose` wrote this law for {_quoted(source)}. Amplitudes fitted there: {values} {units.spoken(law.channel.unit)}.
+`pcalib propose` wrote this law for {_quoted(source)}.
+Amplitudes fitted there: {values} {units.spoken(law.channel.unit)}.
 """
 
-{numpy}from pcalib.effects import Contribution, EffectParameter
+{numpy}from pcalib.effects import Contribution, Effect, EffectParameter
 {helpers}
 
-class {camel}:
+class {camel}(Effect):
     """Deviation of {law.channel.words}:
 
         {_quoted(equation(law))}
@@ -95,7 +96,7 @@ def _sized(law: Law, name: str, i: int, n: int) -> str:
         return f"np.outer({name}, {mine})" if law.channel.vector else f"{mine} * {name}"
     if law.sharing in law.places:
         one = [int(place == law.sharing) for place in law.places]
-        return f"theta[{i}] * np.outer({name}, {one})" if law.channel.vector else f"theta[{i}] * {name} * np.array({one})"
+        return f"theta[{i}] * " + (f"np.outer({name}, {one})" if law.channel.vector else f"{name} * np.array({one})")
     return f"theta[{i}] * {name}"
 
 
