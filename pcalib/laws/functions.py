@@ -271,7 +271,8 @@ PRODUCTS = (
     ("payload", "q"), ("payload", "x"), ("payload", "y"), ("payload", "z"), ("dir", "torque"), ("dir", "q"),
     ("temp", "q"), ("temp", "x"), ("temp", "y"), ("temp", "z"), ("temp", "torque"), ("temp", "tension"),
     ("x", "y"), ("y", "z"), ("x", "z"), ("time", "q"), ("time", "x"), ("time", "y"), ("time", "z"),
-    ("column", "q"), ("column", "torque"), ("dir", "temp"), ("dir", "payload"), ("q", "torque"), ("torque", "torque"), ("q", "q"),
+    ("column", "q"), ("column", "torque"), ("dir", "temp"), ("dir", "payload"), ("q", "torque"), ("torque", "torque"),
+    ("q", "q"),
 )  # fmt: skip
 """Pairs of variables whose product is tried; `temp` is every temperature, `column` every column of the user's own."""
 

@@ -237,7 +237,8 @@ class _Search:
         G, b, noise = self.moments(channel, response, found, np.hstack(beside), with_noise)
         out, null = [], np.ones(DRAWS)
         for sharing in sharings(channel, places):
-            g, mine, by_chance = (_shared(sharing, places, m) for m in (G, b, noise))
+            g = _shared_square(sharing, places, G)
+            mine, by_chance = _shared(sharing, places, b), _shared(sharing, places, noise)
             moves = np.all(np.diagonal(g, axis1=1, axis2=2) > 0, axis=1)  # every amplitude must move something
             for k in range(len(beside)):
                 inside, seen_by, level = g, mine[..., :1], 0.0
@@ -291,9 +292,9 @@ class _Search:
         for _ in range(2):
             c = best.law.term.constant
             near = [replace(law.term, constant=float(f"{c * (1 + d):.5g}")) for d in np.linspace(-width, width, 15)]
-            moments = self.moments(law.channel, response, near, self.y[:, None], False)
-            g, mine, _ = (_shared(law.sharing, law.places, m) for m in moments)
-            T, d = _gain(g, mine, law.channel.size, g)
+            G, b, _ = self.moments(law.channel, response, near, self.y[:, None], False)
+            g = _shared_square(law.sharing, law.places, G)
+            T, d = _gain(g, _shared(law.sharing, law.places, b), law.channel.size, g)
             i = int(np.argmax(T[:, 0]))
             if T[i, 0] > best.gain and d[i] == best.d:
                 more = float(T[i, 0]) - best.gain
@@ -303,17 +304,21 @@ class _Search:
 
 
 def _shared(sharing: str, places: tuple[str, ...], moments: np.ndarray) -> np.ndarray:
-    """Moments (T, K, P, n) of all places as those of one sharing, (T, d, n); of G both axes are reduced."""
+    """Moments (T, K, P, n) of all places as those of one sharing, (T, d, n)."""
     T, K, P, n = moments.shape
-    both = n == K * P and moments.ndim == 4
     if sharing == EACH:
         return moments.reshape(T, K * P, n)
-    i = places.index(sharing) if sharing in places else None
-    out = moments.sum(axis=2) if i is None else moments[:, :, i]
-    if not both:
-        return out
-    out = out.reshape(T, K, K, P)
-    return out.sum(axis=3) if i is None else out[..., i]
+    return moments[:, :, places.index(sharing)] if sharing in places else moments.sum(axis=2)
+
+
+def _shared_square(sharing: str, places: tuple[str, ...], G: np.ndarray) -> np.ndarray:
+    """G (T, K, P, K·P) of all places as that of one sharing, (T, d, d)."""
+    T, K, P, _ = G.shape
+    rows = _shared(sharing, places, G)
+    if sharing == EACH:
+        return rows
+    columns = rows.transpose(0, 2, 1).reshape(T, K, P, K)
+    return _shared(sharing, places, columns)
 
 
 def _gain(G: np.ndarray, b: np.ndarray, size: float, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -393,15 +398,18 @@ class _Judge:
                     bic=bic,
                     adequate=adequacy.is_adequate(tested, places, self.level, self.reference),
                     rest=float(adequacy.p_values(tested, places).smallest),
-                    listed=tuple(
-                        made.candidates[g].name
-                        for g, block in enumerate(whole.blocks[: len(made.candidates)])
-                        if np.linalg.norm(signal - block @ (block.T @ signal)) < ALIKE
-                    ),
+                    listed=_as_listed(made, whole, signal),
                     signal=whole.basis @ signal,
                 )
             )
         return out
+
+
+def _as_listed(made: Problem, whole: Screen, signal: np.ndarray) -> tuple[str, ...]:
+    """Names of the listed effects that can make a signal (D,) within what the data can tell."""
+    blocks = whole.blocks[: len(made.candidates)]
+    near = [np.linalg.norm(signal - block @ (block.T @ signal)) < ALIKE for block in blocks]
+    return tuple(dict.fromkeys(c.name for c, close in zip(made.candidates, near, strict=True) if close))
 
 
 def _keeping(whole: Screen, keep: Sequence[int]) -> Screen:
