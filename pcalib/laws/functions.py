@@ -55,6 +55,12 @@ class Scaled:
         """u (N,), (N, nq) or (N, m)."""
         return (self.variable.values(at) - self.origin) / self.unit
 
+    @property
+    def sorts(self) -> set[str]:
+        """Words by which the lines of `SHAPES` ask for it."""
+        own = {("angle" if self.variable.unit == "rad" else "travel")} if self.variable.text == "at.q" else set()
+        return {self.variable.name, self.variable.per} | own
+
     @classmethod
     def of(cls, variable: Variable, at: Situation) -> Scaled | None:
         """A variable at the scale of some data, its constants rounded as they are written; None where it is constant
@@ -66,24 +72,26 @@ class Scaled:
         origin = float(f"{middle if variable.origin is None else variable.origin:.4g}")
         reach = float(np.abs(raw - origin).max())
         # An angle in rad and a direction of ±1 stay as they are: their laws are then read without a constant.
-        unit = 1.0 if variable.name in ("q", "dir") else float(f"{reach:.3g}")
+        unit = 1.0 if variable.name == "dir" or variable.unit == "rad" else float(f"{reach:.3g}")
         return cls(variable, origin, unit)
 
 
 def variables(at: Situation) -> list[Variable]:
     """What laws may depend on, for the columns that the data have."""
-    load = "N·m" if at.robot.mechanism.actuator_dimension == "angle" else "N"
+    turning = at.robot.mechanism.actuator_dimension == "angle"
+    load, unit, place = ("N·m", "rad", "angle") if turning else ("N", "m", "position")
+    torque = "torque" if turning else "force"
     out = [
-        Variable("q", "its own angle", "arm", lambda s: s.q, "at.q", "rad", 0.0),
-        Variable("torque", "its own torque", "arm", lambda s: s.torque, "at.torque", load, 0.0),
+        Variable("q", f"its own {place}", "arm", lambda s: s.q, "at.q", unit, 0.0 if turning else None),
+        Variable("torque", f"its own {torque}", "arm", lambda s: s.torque, "at.torque", load, 0.0),
         Variable("tension", "its own tension", "rod", lambda s: s.tension, "at.tension", "N", 0.0),
-        Variable("q", "the next arm's angle", "arm", lambda s: np.roll(s.q, -1, 1),
-                 "np.roll(at.q, -1, axis=1)", "rad", 0.0),
-        Variable("q", "the previous arm's angle", "arm", lambda s: np.roll(s.q, 1, 1),
-                 "np.roll(at.q, 1, axis=1)", "rad", 0.0),
-        Variable("torque", "the next arm's torque", "arm", lambda s: np.roll(s.torque, -1, 1),
+        Variable("q", f"the next arm's {place}", "arm", lambda s: np.roll(s.q, -1, 1),
+                 "np.roll(at.q, -1, axis=1)", unit, 0.0 if turning else None),
+        Variable("q", f"the previous arm's {place}", "arm", lambda s: np.roll(s.q, 1, 1),
+                 "np.roll(at.q, 1, axis=1)", unit, 0.0 if turning else None),
+        Variable("torque", f"the next arm's {torque}", "arm", lambda s: np.roll(s.torque, -1, 1),
                  "np.roll(at.torque, -1, axis=1)", load, 0.0),
-        Variable("torque", "the previous arm's torque", "arm", lambda s: np.roll(s.torque, 1, 1),
+        Variable("torque", f"the previous arm's {torque}", "arm", lambda s: np.roll(s.torque, 1, 1),
                  "np.roll(at.torque, 1, axis=1)", load, 0.0),
         Variable("x", "the place along x", "pose", lambda s: s.pose.x[:, 0], "at.pose.x[:, 0]", "m"),
         Variable("y", "the place along y", "pose", lambda s: s.pose.x[:, 1], "at.pose.x[:, 1]", "m"),
@@ -134,8 +142,8 @@ class Shape:
     text: tuple[str, ...]
     """The same as Python text of `{u}` and `{c}`."""
     on: str
-    """Which variables it is tried on: names, 'own' for the motor's own angle alone, or 'pose' for all that are recorded
-    once per row."""
+    """Which variables it is tried on: names, 'angle' or 'travel' for the motor's own angle or travel alone, 'pose' for
+    all that are recorded once per row."""
     constants: Callable[[np.ndarray], np.ndarray] = lambda u: np.zeros(1)
     """Values of c that are searched, for given u (…)."""
     searched: bool = False
@@ -177,9 +185,9 @@ SHAPES = (
     Shape("kink", "{v} beyond {c}", lambda u, c: (np.maximum(u - c, 0.0),), ("np.maximum({u} - {c}, 0)",),
           "q torque pose", lambda u: np.quantile(u, [0.2, 0.35, 0.5, 0.65, 0.8]), True),
     Shape("sine", "waves of {v}, {c} per turn", lambda u, c: (np.sin(c * u), np.cos(c * u)),
-          ("np.sin({c} * {u})", "np.cos({c} * {u})"), "own", _frequencies, True, True),
+          ("np.sin({c} * {u})", "np.cos({c} * {u})"), "angle", _frequencies, True, True),
     Shape("waves", "waves along {v}", lambda u, c: (np.sin(c * u), np.cos(c * u)),
-          ("np.sin({c} * {u})", "np.cos({c} * {u})"), "x y z", lambda u: np.arange(2.0, 14.0, 0.75), True,
+          ("np.sin({c} * {u})", "np.cos({c} * {u})"), "x y z travel", lambda u: np.arange(2.0, 14.0, 0.75), True,
           True),
     Shape("step", "a step of {v} at {c}", lambda u, c: (np.where(u > c, 1.0, 0.0),), ("np.where({u} > {c}, 1.0, 0.0)",),
           "time", _places, True),
@@ -281,11 +289,8 @@ def terms(at: Situation) -> Iterator[Term]:
     """Every function of the grammar that these data can tell, scaled to them."""
     found = [s for v in variables(at) if (s := Scaled.of(v, at)) is not None]
     for shape in SHAPES:
-        wanted = shape.on.split()
         for scaled in found:
-            name, per = scaled.variable.name, scaled.variable.per
-            own = "own" in wanted and scaled.variable.text == "at.q"
-            if name not in wanted and not own and not (per == "pose" and "pose" in wanted):
+            if scaled.sorts.isdisjoint(shape.on.split()):
                 continue
             for c in shape.constants(scaled.values(at)):
                 yield Term(shape, scaled, float(f"{c:.6g}"))
