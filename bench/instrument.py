@@ -24,6 +24,7 @@ import numpy as np
 from bench import noises
 from bench.noises import STREAM, Scene
 from pcalib import rotation, settings
+from pcalib.data.instrument import Instrument as Description
 from pcalib.settings import Setting
 
 PER_HOUR = 1 / 3600.0
@@ -55,7 +56,7 @@ SETTINGS = (
     Setting("missing_components", "number", 0.0, 0.0, 1.0, about="share of x, y, z that are blank"),
     Setting("bed", "length", -0.8, about="height of the bed that a contact touches, base frame"),
     Setting("state_sigma", "flag", True, about="whether the data file tells σ"),
-    Setting("state_covariance", "flag", False, about="whether it tells what the covariance follows from"),
+    Setting("state_covariance", "flag", False, about="whether it describes the instrument, from which it follows"),
     *noises.all_settings(),
 )
 
@@ -74,8 +75,10 @@ class Reading:
     """(N,) [rad]."""
     covariance: np.ndarray
     """(N, 6, 6) [m, rad] of the noise of each row, as it is."""
-    metadata: dict[str, str]
-    """Keys of a data file from which the covariance follows; empty where σ says everything."""
+    description: Description | None
+    """What the data file states of the instrument beside or instead of σ."""
+    states: tuple[bool, bool]
+    """Whether the data file states σ of positions, and σ of rotations."""
     lost: np.ndarray
     """(N,) bool, rows that never made it into the file."""
     outlier: np.ndarray
@@ -154,9 +157,12 @@ class Instrument:
         position[:, ~sees[:3]] = np.nan
         if not sees[3]:
             R = np.full_like(R, np.nan)
-        metadata = noise.metadata(scene) if v["state_covariance"] else {}
+        said = noise.description(scene) if v["state_covariance"] else None
+        sigma = noise.stated(scene)
+        beside = noise.BESIDE if said is not None else (True, True)
+        pos, rot = (bool(v["state_sigma"] and also and s.any()) for also, s in zip(beside, sigma, strict=True))
         lost = draws[:, 10] < v["missing_rows"]
-        return Reading(position, R, *noise.stated(scene), noise.covariance(scene), metadata, lost, outlier)
+        return Reading(position, R, *sigma, noise.covariance(scene), said, (pos, rot), lost, outlier)
 
 
 def _generator(seed: int, stream: int) -> np.random.Generator:

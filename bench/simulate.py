@@ -55,8 +55,6 @@ class DataSet:
     """Rows that are grossly wrong, and in the measurements."""
     covariance: np.ndarray
     """(N, 6, 6) [m, rad] of the noise of the measured rows, as it is."""
-    metadata: dict[str, str]
-    """Further keys of the data file, from which the covariance follows."""
 
 
 def run(
@@ -107,9 +105,6 @@ def run(
     if not len(kept):
         raise ReachError("the instrument lost every row: lower missing_rows and missing_components")
 
-    def stated(sigma: np.ndarray) -> np.ndarray | None:
-        return sigma[kept] if instrument.values["state_sigma"] and sigma.any() else None
-
     measurements = Measurements.create(
         robot,
         asked.q[kept],
@@ -120,14 +115,15 @@ def run(
         columns={name: values[kept] for name, values in commands.columns.items()},
         pose_id=plan.pose_id[kept],
         check=plan.check[kept],
-        sigma_pos=stated(reading.sigma_pos),
-        sigma_rot=stated(reading.sigma_rot),
+        sigma_pos=reading.sigma_pos[kept] if reading.states[0] else None,
+        sigma_rot=reading.sigma_rot[kept] if reading.states[1] else None,
+        instrument=reading.description,
         frame=instrument.values["frame"],
         source="simulation",
     )
     lost = np.flatnonzero(landing.ok & ~(seen & ~reading.lost))
     outlier = kept[reading.outlier[kept]]
-    return DataSet(measurements, landing, kept, lost, outlier, reading.covariance[kept], reading.metadata)
+    return DataSet(measurements, landing, kept, lost, outlier, reading.covariance[kept])
 
 
 def truth_path(data: Path) -> Path:

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from pcalib.data.instrument import Instrument
 from pcalib.errors import InputError, unknown
 from pcalib.settings import Setting
 
@@ -57,6 +58,8 @@ class Noise:
 
     SETTINGS: ClassVar[tuple[Setting, ...]] = ()
     """Its own numbers, beside those that every instrument has."""
+    BESIDE: ClassVar[tuple[bool, bool]] = (True, True)
+    """Whether a file that describes the instrument states σ of positions, and σ of rotations, besides."""
 
     def __init__(self, values: Mapping[str, Any]):
         self.values = values
@@ -76,9 +79,9 @@ class Noise:
         n = len(scene.rows)
         return np.full(n, np.sqrt(variance[:3].mean())), np.full(n, np.sqrt(variance[3:].mean()))
 
-    def metadata(self, scene: Scene) -> dict[str, str]:
-        """Keys and values of a data file from which the covariance follows; none where σ says everything."""
-        return {}
+    def description(self, scene: Scene) -> Instrument | None:
+        """What a data file can state of the instrument, from which the covariance follows; None where σ says all."""
+        return None
 
 
 def generator(seed: int, stream: int, row: int) -> np.random.Generator:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.noises import Noise, Scene
+from pcalib.data.instrument import Instrument
 from pcalib.settings import Setting
 
 
@@ -14,6 +15,7 @@ class RangeAngle(Noise):
     Across the beam the error is the angle's times the distance. Rotations have white noise of `sigma_rot`.
     """
 
+    BESIDE = (False, True)
     SETTINGS = (
         Setting("sigma_range", "length", 2e-6, 0.0, 0.1, about="1σ along the beam"),
         Setting("sigma_angle", "angle", 5e-6, 0.0, 0.1, about="1σ of either angle of the beam"),
@@ -43,15 +45,9 @@ class RangeAngle(Noise):
         over = v["sigma_angle"] * distance
         return axes, np.stack([np.hypot(v["sigma_range"], v["sigma_distance"] * distance), over, over], axis=1)
 
-    def metadata(self, scene: Scene) -> dict[str, str]:
+    def description(self, scene: Scene) -> Instrument:
         v = self.values
-        said = {
-            "sigma_range_um": v["sigma_range"] * 1e6, "sigma_range_ppm": v["sigma_distance"] * 1e6,
-            "sigma_angle_urad": v["sigma_angle"] * 1e6,
-        }  # fmt: skip
-        if scene.station.any():
-            said |= {f"tracker_{axis}_mm": x * 1e3 for axis, x in zip("xyz", scene.station, strict=True)}
-        return {key: f"{value:.9g}" for key, value in said.items()}
+        return Instrument(v["sigma_range"], v["sigma_distance"], v["sigma_angle"], scene.station)
 
 
 NOISE = RangeAngle

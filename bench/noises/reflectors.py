@@ -6,6 +6,7 @@ import numpy as np
 
 from bench.noises import Noise, Scene
 from pcalib import rotation
+from pcalib.data.instrument import Instrument
 from pcalib.settings import Setting
 
 
@@ -16,6 +17,7 @@ class Reflectors(Noise):
     more a turn of the fitted plate moves it.
     """
 
+    BESIDE = (False, False)
     SETTINGS = (
         Setting("sigma_reflector", "length", 15e-6, 0.0, 0.1, about="1σ per component of each reflector"),
         Setting("reflector_radius", "length", 0.08, 1e-3, 10.0, about="of the circle of three reflectors"),
@@ -57,9 +59,8 @@ class Reflectors(Noise):
         root = np.linalg.solve(R, np.broadcast_to(np.eye(6), R.shape))
         return self.values["sigma_reflector"] ** 2 * root @ np.swapaxes(root, 1, 2)
 
-    def metadata(self, scene: Scene) -> dict[str, str]:
-        places = "; ".join(" ".join(f"{x:.9g}" for x in place) for place in self.places * 1e3)
-        return {"sigma_reflector_um": f"{self.values['sigma_reflector'] * 1e6:.9g}", "reflectors_mm": places}
+    def description(self, scene: Scene) -> Instrument:
+        return Instrument(sigma_reflector=self.values["sigma_reflector"], reflectors=self.places)
 
 
 NOISE = Reflectors

@@ -11,6 +11,7 @@ from bench.kinds import MODELS
 from bench.machine import Machine
 from pcalib import robot as robots
 from pcalib import rotation
+from pcalib.data import measurement
 
 N = 3000
 RNG = np.random.default_rng(0)
@@ -93,18 +94,26 @@ def test_reflectors_far_from_the_tool_point_correlate_position_with_rotation():
     assert shared[1] > 0.5 * far.sigma_pos[0] * far.sigma_rot[0] > 5 * shared[0]
 
 
-def test_what_the_file_says_of_the_covariance():
-    assert read("white", state_covariance=True).metadata == {} == read("reflectors").metadata
-    said = read("reflectors", state_covariance=True).metadata
-    assert said["sigma_reflector_um"] == "15"
-    places = np.array([place.split() for place in said["reflectors_mm"].split("; ")], float)
-    assert places.shape == (3, 3) and np.linalg.norm(places, axis=1) == pytest.approx(80.0)
-    said = read("range_angle", state_covariance=True, position=np.array([1.0, 2.0, 3.0])).metadata
-    assert said == {
-        "sigma_range_um": "2", "sigma_range_ppm": "6", "sigma_angle_urad": "5",
-        "tracker_x_mm": "1000", "tracker_y_mm": "2000", "tracker_z_mm": "3000",
-    }  # fmt: skip
-    assert "tracker_x_mm" not in read("range_angle", state_covariance=True, frame="tracker").metadata
+@pytest.mark.parametrize("name", noises.names())
+@pytest.mark.parametrize("frame", ["base", "tracker"])
+def test_a_file_that_describes_its_instrument_has_the_covariance_that_the_noise_has(name, frame, tmp_path):
+    robot = robots.load(MODELS / "delta.toml")
+    settings = SETTINGS | {"sigma_distance": 0.0, "frame": frame, "state_covariance": True}
+    truth = truths.Truth(robot, np.zeros(60), Instrument(noise=name, **settings))
+    made = simulate.run(truth, plans.make(robot, "random", 6, tools=[TOOL], seed=1), 2)
+    measurement.save(tmp_path / "data.csv", made.measurements)
+    read = measurement.load(tmp_path / "data.csv", robot)
+    found = read.covariance if read.covariance is not None else read.sigma[:, :, None] ** 2 * np.eye(6)
+    size = np.sqrt(np.diagonal(made.covariance, axis1=1, axis2=2))
+    assert np.abs((found - made.covariance) / (size[:, :, None] * size[:, None, :])).max() < 0.01
+    assert read.sigma_stated and (read.instrument is None) == (name in ("white", "heavy_tails", "correlated"))
+
+
+def test_a_file_that_does_not_describe_it_states_one_sigma():
+    robot = robots.load(MODELS / "delta.toml")
+    truth = truths.Truth(robot, np.zeros(60), Instrument(noise="reflectors"))
+    data = simulate.run(truth, plans.make(robot, "random", 6, tools=[TOOL], seed=1), 2).measurements
+    assert data.covariance is None and data.stated == (True, True) and len(np.unique(data.sigma[:, :3])) == 1
 
 
 def test_a_noise_is_chosen_in_a_truth_file_and_sealed_with_it():
