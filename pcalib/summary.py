@@ -76,7 +76,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         ],
         "n_identified": fit.n_identified,
         "n_expected": fit.expected,
-        **accuracy_json(fit.fit),
+        **accuracy_json(fit.accuracy),
         "check": accuracy_json(fit.check) if fit.check else None,
         "prior_scale": fit.prior_scale,
         "iterations": fit.iterations,
@@ -117,7 +117,7 @@ def statistics(fit: Fit) -> dict[str, Any]:
         "method": fit.method,
         "n_identified": fit.n_identified,
         "prior_scale": fit.prior_scale,
-        **accuracy_json(fit.fit),
+        **accuracy_json(fit.accuracy),
     }
     if fit.check:
         found["check"] = accuracy_json(fit.check)
@@ -136,7 +136,7 @@ def _noise(a: Accuracy, said: str) -> str:
 
 def headline(fit: Fit) -> str:
     """The outcome in one sentence."""
-    a = fit.fit
+    a = fit.accuracy
     text = f"Level {fit.candidate.level} explains {a.n_rows} poses to {wording.size(a.rms_pos)} RMS"
     notes = [_noise(a, "stated" if fit.sigma_stated else "assumed")] if np.isfinite(a.chi2_dof) else []
     if np.isfinite(fit.left_out):

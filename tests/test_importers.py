@@ -165,7 +165,7 @@ def test_a_good_residual_with_the_wrong_rods_is_not_taken_on_trust(tmp_path):
     steps = contact_steps(bed_points(41, 85.0), noise) * (269 / 288)
     found = importers.run("carriage-steps", write(tmp_path / "s.csv", steps), SETTINGS)
     fit = identification.fit(found.data, found.robot, "firmware7", method="base")
-    assert fit.status == "converged" and fit.fit.rms_pos < 1e-5
+    assert fit.status == "converged" and fit.accuracy.rms_pos < 1e-5
     rod = fit.estimate[fit.unknowns.names.index("rod.length")]
     assert rod == pytest.approx(-19e-3, abs=2.5e-3)
     doubts = {doubt.name: doubt for doubt in trust.doubts(fit, found.data)}
@@ -180,8 +180,8 @@ def test_a_good_residual_with_the_wrong_rods_is_not_taken_on_trust(tmp_path):
     assert doubts["scale"].sigma > 1e-3 and "wrong motion per motor step" in doubts["scale"].sentence()
     # With the rod as measured, the misfit shows that something else is wrong, and the residual is no longer small.
     held = identification.fit(found.data, found.robot, "firmware7", method="base", fixed=["rod.length"])
-    assert held.fit.rms_pos > 3 * fit.fit.rms_pos
-    assert held.fit.rms_pos == pytest.approx(doubt.rms_held, rel=0.1)
+    assert held.accuracy.rms_pos > 3 * fit.accuracy.rms_pos
+    assert held.accuracy.rms_pos == pytest.approx(doubt.rms_held, rel=0.1)
 
 
 def test_an_honest_printer_raises_no_doubt_about_its_rods(tmp_path):
@@ -210,7 +210,7 @@ def test_real_printer_levels(level, rms, method):
     found = importers.run("carriage-steps", STEPS)
     fit = identification.fit(found.data, found.robot, level, method=method)
     assert fit.status == "converged"
-    assert fit.fit.rms_pos * 1e6 == pytest.approx(rms, abs=2)
+    assert fit.accuracy.rms_pos * 1e6 == pytest.approx(rms, abs=2)
     doubts = {doubt.name: doubt for doubt in trust.doubts(fit, found.data)}
     assert doubts["scale"].sigma > 3e-4 and "absolute scale is weak" in doubts["scale"].sentence()
 
@@ -270,7 +270,7 @@ def test_real_platform():
     assert rod["classical"] < 2.5e-3
     assert rod["complete"] <= 0.50e-3
     fit = identification.fit(found.data, found.robot)
-    assert fit.status == "converged" and 0.8 < fit.fit.chi2_dof < 1.3
+    assert fit.status == "converged" and 0.8 < fit.accuracy.chi2_dof < 1.3
     said = [doubt.sentence() for doubt in trust.doubts(fit, found.data)]
     assert said and all("far beyond any tolerance" in text for text in said)
     # Beside the capture's frames, which may lie anywhere, joints are millimetres from the drawing.

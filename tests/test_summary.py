@@ -28,7 +28,7 @@ def test_rotations_that_a_level_leaves_out_are_said(truth, measure, level):
     assert found.left_out == pytest.approx(np.sqrt(np.mean((found.error[turned, 3:] / data.sigma[turned, 3:]) ** 2)))
     assert found.left_out > 5
     text = summary.headline(found)
-    assert f"rotations left out: {1e6 * found.fit.rms_rot:.1f} µrad RMS, {found.left_out:.1f}× their σ" in text
+    assert f"rotations left out: {1e6 * found.accuracy.rms_rot:.1f} µrad RMS, {found.left_out:.1f}× their σ" in text
     assert any("rotations are left out" in w and f"{found.left_out:.1f}× their σ" in w for w in found.warnings)
     check = np.arange(60) > 50
     turned = replace(data, check=check, mask=data.mask & (check[:, None] | (np.arange(6) < 3)))  # held out alone

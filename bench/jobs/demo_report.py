@@ -57,7 +57,7 @@ def page(demo: Demo) -> Page:
         ],
     )
     warned = sections.warnings([(s.label, s.fit) for s in ladder.steps if s.fit is not None])
-    source = f"Complete geometry on {fit.fit.n_rows} poses; held-out poses took no part in the fit."
+    source = f"Complete geometry on {fit.accuracy.n_rows} poses; held-out poses took no part in the fit."
     return Page(
         title=f"Calibration of robot “{robot.name}”, demonstration",
         verdict=ladders.sentence(ladder),

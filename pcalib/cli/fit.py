@@ -178,7 +178,7 @@ def show(found: Fit) -> None:
         ("", "rows", "RMS", "max", "RMS µrad", "χ²/dof"),
         [
             (name, a.n_rows, size(a.rms_pos), size(a.max_pos), _n(a.rms_rot * 1e6), _n(a.chi2_dof, 2))
-            for name, a in (("fit", found.fit), ("check", found.check))
+            for name, a in (("fit", found.accuracy), ("check", found.check))
             if a is not None
         ],
     )

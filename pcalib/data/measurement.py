@@ -210,8 +210,8 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     numeric, text = cols.conditions(columns, len(names))
     instrument = instruments.read(table, str(frame))
     point = np.zeros_like(position) if tool is None else tool
-    given = (sigmas.stated(columns, key, said.get(key)) for key in sigmas.KEYS)
-    sigma, correlation, stated = sigmas.complete(position, turn, point, *given, instrument)
+    pos, rot = (sigmas.stated(columns, key, said.get(key)) for key in sigmas.KEYS)
+    sigma, correlation, stated = sigmas.complete(position, turn, point, pos, rot, instrument)
     if robot is not None:
         plausibility.joints(columns, robot, q)
         if tool is not None:

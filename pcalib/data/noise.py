@@ -59,7 +59,8 @@ class Noise:
 
     @cached_property
     def _index(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.nonzero(self.measured)
+        row, component = np.nonzero(self.measured)
+        return row, component
 
     @property
     def row(self) -> np.ndarray:

@@ -275,7 +275,7 @@ BEFORE_AFTER = ("", "rows", "RMS before", "after", "rotation before", "after", "
 def before_after(before: Fit, after: Fit) -> list[tuple[str, ...]]:
     """Rows fit and check with RMS of positions and rotations and χ² before and after."""
     rows = []
-    for name, a, b in (("fit", before.fit, after.fit), ("check", before.check, after.check)):
+    for name, a, b in (("fit", before.accuracy, after.accuracy), ("check", before.check, after.check)):
         if a is not None and b is not None:
             rows.append(
                 (
@@ -296,7 +296,7 @@ def step_sentence(step: Step) -> str:
     a, b = step.before, step.after
     name = step.spec
     word = "With" if step.action == "add" else "Without"
-    text = f"{word} {name} the fit leaves {size(b.fit.rms_pos)} RMS, before {size(a.fit.rms_pos)}"
+    text = f"{word} {name} the fit leaves {size(b.accuracy.rms_pos)} RMS, before {size(a.accuracy.rms_pos)}"
     gain = held_out_gain(a, b)
     if a.check is None or b.check is None or gain is None:
         return text + "; there are no held-out poses to confirm it."
@@ -306,8 +306,8 @@ def step_sentence(step: Step) -> str:
         return text + (": it was needed." if gain < -SURE else ".")
     if gain <= SURE:
         return text + (": worse, drop it again." if gain < -SURE else ": no difference beyond chance.")
-    left = np.sqrt(b.fit.chi2_dof)
-    if b.fit.at_the_noise or not np.isfinite(left):
+    left = np.sqrt(b.accuracy.chi2_dof)
+    if b.accuracy.at_the_noise or not np.isfinite(left):
         return text + ": confirmed."
     return (
         f"{text}: better, but {left:.1f} times the stated noise is left. "

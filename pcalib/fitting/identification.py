@@ -89,8 +89,10 @@ class Fit:
     """(N, 6) [m, rad] 1σ of the readings that the fit counted with."""
     weight: np.ndarray
     """(N,) robust weights; 1 with linear loss and on check rows."""
-    fit: Accuracy
+    accuracy: Accuracy
+    """Of the fitted rows, and"""
     check: Accuracy | None
+    """of those held out."""
     identifiability: Identifiability
     expected: int
     """Directions that well-spread poses with the same kind of readings would identify at this level."""
@@ -260,7 +262,7 @@ def _conclude(
         error=error,
         sigma=data.sigma,
         weight=weight,
-        fit=figures,
+        accuracy=figures,
         check=accuracy(error[held], data.sigma[held], counted[held], 0.0) if held.any() else None,
         identifiability=ident,
         expected=expected,

@@ -120,7 +120,7 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
         seen[:, 3:] = False
     chi2 = float(np.sum((fit.error[used][seen] / data.sigma[used][seen]) ** 2))
     # Where more is left than the stated noise, all σ are that much larger.
-    inflate = max(1.0, np.sqrt(fit.fit.chi2_dof)) if np.isfinite(fit.fit.chi2_dof) else 1.0
+    inflate = max(1.0, np.sqrt(fit.accuracy.chi2_dof)) if np.isfinite(fit.accuracy.chi2_dof) else 1.0
     covariance = inflate**2 * fit.covariance[:g, :g]
     units = [unknowns.level.units[unknowns.level.columns.index(name)] for name in unknowns.names[:g]]
     own = _beside_rigid_motions(fit)
@@ -154,7 +154,7 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
         helps = after < 0.5 * now
         out.append(
             Doubt(
-                name, change, now, unit, fit.fit.rms_pos, fit.fit.rms_pos * float(ratio),
+                name, change, now, unit, fit.accuracy.rms_pos, fit.accuracy.rms_pos * float(ratio),
                 best if helps else "", after if helps else now, rods_free,
                 mechanism.actuator_dimension == "length",
             )

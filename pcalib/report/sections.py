@@ -157,7 +157,7 @@ def data(fit: Fit, source: str) -> Section:
     """What was measured, and how well the model explains it."""
     rows = [
         [name, str(a.n_rows), size(a.rms_pos), size(a.max_pos), number(a.rms_rot * 1e6, 1), number(a.chi2_dof, 2)]
-        for name, a in (("fitted", fit.fit), ("held out", fit.check))
+        for name, a in (("fitted", fit.accuracy), ("held out", fit.check))
         if a is not None
     ]
     note = "χ²/dof near 1: what is left is the instrument's noise."

@@ -57,7 +57,7 @@ def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str]
 
 def _fit_line(step: Step) -> str:
     assert step.fit is not None
-    text = f"Residual {size(step.fit.fit.rms_pos)} RMS on {step.fit.fit.n_rows} fitted poses"
+    text = f"Residual {size(step.fit.accuracy.rms_pos)} RMS on {step.fit.accuracy.n_rows} fitted poses"
     if step.fit.check is not None:
         text += f", {size(step.fit.check.rms_pos)} on {step.fit.check.n_rows} held out"
     return text + f"; {step.fit.n_identified} directions told."
@@ -70,7 +70,7 @@ def log_curves(rec: rr.RecordingStream, ladder: Ladder) -> None:
     for i, m in enumerate(ladder.maps):
         series[f"curves/{tool_path(i, m)}/rms_um"] = m.rms * 1e6
         series[f"curves/{tool_path(i, m)}/max_um"] = m.max * 1e6
-    fitted = [np.nan if s.fit is None else s.fit.fit.rms_pos * 1e6 for s in ladder.steps]
+    fitted = [np.nan if s.fit is None else s.fit.accuracy.rms_pos * 1e6 for s in ladder.steps]
     held_out = [np.nan if s.fit is None or s.fit.check is None else s.fit.check.rms_pos * 1e6 for s in ladder.steps]
     series |= {"curves/fit/rms_um": np.array(fitted), "curves/held_out/rms_um": np.array(held_out)}
     for path, values in series.items():

@@ -288,8 +288,8 @@ class TestOwnEffects:
         found = diagnose(model, data, [effect], n_draws=ENOUGH_DRAWS)
         assert found.established == ("warm",)
         step = add(model, data, effect.spec, [effect])
-        assert step.fell and step.after.fit.chi2_dof < 1.25
-        assert add(model, data, "warm", [effect]).after.fit.chi2_dof == pytest.approx(step.after.fit.chi2_dof)
+        assert step.fell and step.after.accuracy.chi2_dof < 1.25
+        assert add(model, data, "warm", [effect]).after.accuracy.chi2_dof == pytest.approx(step.after.accuracy.chi2_dof)
 
     def test_kinship(self, robot, tmp_path):
         twin = own(tmp_path, robot, "Twin", "Contribution(actuator=theta[0] * at.torque)", "urad_Nm", "2e-5")

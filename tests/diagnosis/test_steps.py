@@ -41,7 +41,7 @@ def test_rotations_that_neither_level_explains_do_not_count(measured, robot):
 
 def test_what_helps_and_is_not_all_is_not_confirmed(completed):
     assert telling.step_sentence(completed).endswith(": confirmed.")
-    left = replace(completed.after, fit=replace(completed.after.fit, chi2_dof=1.69))
+    left = replace(completed.after, accuracy=replace(completed.after.accuracy, chi2_dof=1.69))
     said = telling.step_sentence(replace(completed, after=left))
     assert "confirmed" not in said and "1.3 times the stated noise is left. Something else is missing too" in said
 

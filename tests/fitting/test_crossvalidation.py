@@ -40,7 +40,7 @@ def test_held_out_errors_are_a_little_above_the_noise():
     data, _ = measured()
     found = crossvalidation.cross_validate(data, ROBOT, folds=6)
     fit = identification.fit(data, ROBOT)
-    assert fit.fit.rms_pos < found.rms_pos < 1.3 * np.sqrt(3) * SIGMA[0]
+    assert fit.accuracy.rms_pos < found.rms_pos < 1.3 * np.sqrt(3) * SIGMA[0]
     assert sorted(np.bincount(crossvalidation.require_folds(data, 6))) == [10] * 6
     assert found.json()["folds"] == 6 and found.json()["rms_pos_um"] == pytest.approx(found.rms_pos * 1e6)
     # The spread over folds is that of a jackknife: about σ·√(1/5) for each unknown that the data fix.

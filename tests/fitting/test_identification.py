@@ -154,7 +154,7 @@ def test_sigma_is_calibrated(delta, perturb, measure, options):
         found = identification.fit(data, delta, prior_scale=1.0)
         assert found.model.sigma is not None
         scores.append((found.model.k - truth.k) / found.model.sigma)
-        chi2.append(found.fit.chi2_dof)
+        chi2.append(found.accuracy.chi2_dof)
     rms, error = spread(np.array(scores))
     assert error < 0.05
     assert abs(rms - 1) < 4 * error
@@ -221,10 +221,10 @@ def test_held_out_rows_never_matter(truth, measure):
     for other in (second, absent):
         assert np.array_equal(first.model.k, other.model.k)
         assert np.array_equal(first.covariance, other.covariance)
-        assert first.fit == other.fit
+        assert first.accuracy == other.accuracy
         assert first.prior_scale == other.prior_scale
     assert first.check is not None and second.check is not None and absent.check is None
-    assert first.check.n_rows == 15 and first.fit.n_rows == 45
+    assert first.check.n_rows == 15 and first.accuracy.n_rows == 45
     assert second.check.rms_pos > 100 * first.check.rms_pos
     assert first.check.chi2_dof == pytest.approx(1, abs=1.0)
     with pytest.raises(InputError, match="all are set = check"):
@@ -259,7 +259,7 @@ def test_gross_outliers_are_reported_and_do_not_spoil_the_fit(truth, measure, fr
     assert set(np.flatnonzero(found.weight < 0.5)) == set(bad)
     said = next(w for w in found.warnings if "far from the model" in w)
     assert "5 rows" in said and all(str(line) in said for line in bad + 2)
-    assert found.fit.max_pos > 1e-3  # figures count every row
+    assert found.accuracy.max_pos > 1e-3  # figures count every row
 
 
 def test_outliers_are_judged_in_units_of_sigma(truth, measure):
@@ -291,7 +291,7 @@ def test_fixed_bounded_and_prior_overrides(truth, measure):
     assert limit > 1e-6
     bounded = identification.fit(data, truth.robot, bounds={"l11": (-limit, limit)})
     assert abs(bounded.model.k[at("l11")] - mechanism.nominal[at("l11")]) == pytest.approx(limit, rel=1e-6)
-    assert bounded.fit.rms_pos < 2e-4
+    assert bounded.accuracy.rms_pos < 2e-4
     wide = identification.fit(data, truth.robot, bounds={"l11": (-1, 1)}).model
     np.testing.assert_allclose(wide.k, free.k, atol=1e-9)
     tight = identification.fit(data, truth.robot, prior={"l11": 1e-9}, prior_scale=1.0).model
@@ -345,7 +345,7 @@ def test_levels_are_subspaces(truth, measure):
         errors = found.model.errors
         assert basis.shape[1] == n == found.unknowns.n_geometry
         assert np.abs(errors - basis @ (np.linalg.pinv(basis) @ errors)).max() < 1e-15
-        rms[level] = found.fit.rms_pos
+        rms[level] = found.accuracy.rms_pos
     assert rms["nominal"] > 2 * rms["classical"] > 4 * rms["model24"] and rms["complete"] < 5e-5
     with pytest.raises(InputError, match="unknown level 'complet'"):
         identification.fit(data, truth.robot, "complet")
@@ -501,8 +501,8 @@ def test_the_cost_is_squared_once(truth, measure):
     assert one.identifiability.base == two.identifiability.base
     np.testing.assert_allclose(two.model.k, one.model.k, atol=1e-7)  # both within 0.003 σ of the minimum
     np.testing.assert_allclose(two.covariance, 4 * one.covariance, rtol=1e-3, atol=1e-15)
-    assert one.fit.chi2_dof / two.fit.chi2_dof == pytest.approx(4, rel=1e-5)
-    assert one.fit.rms_pos == pytest.approx(two.fit.rms_pos, rel=1e-4)
+    assert one.accuracy.chi2_dof / two.accuracy.chi2_dof == pytest.approx(4, rel=1e-5)
+    assert one.accuracy.rms_pos == pytest.approx(two.accuracy.rms_pos, rel=1e-4)
 
 
 def test_priors_do_not_mix_metres_and_radians(truth, measure):

@@ -35,7 +35,7 @@ def test_effects_see_the_conditions_of_the_data():
     names = "thermal_arms", "drive_compliance"
     chosen = [start_effect(name, truth.robot, data) for name in names]
     fit = identification.fit(data, truth.robot, effects=chosen)
-    assert fit.fit.chi2_dof < 1.5 and trust.doubts(fit, data) == []
+    assert fit.accuracy.chi2_dof < 1.5 and trust.doubts(fit, data) == []
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def test_it_says_what_the_ladder_and_the_fit_say(full, ladder, fit):
         assert word in text
     from pcalib.wording import size
 
-    for value in [*ladder.rms.ravel(), *ladder.max.ravel(), fit.fit.rms_pos, fit.check.rms_pos]:
+    for value in [*ladder.rms.ravel(), *ladder.max.ravel(), fit.accuracy.rms_pos, fit.check.rms_pos]:
         assert size(value) in text
     assert all(name in text for name in fit.candidate.robot.mechanism.parameters)
 

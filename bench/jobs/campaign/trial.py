@@ -211,8 +211,8 @@ def _identified(cell: Cell, method: Method, data: Measurements) -> tuple[Model, 
         data, cell.robot, method.level, effects=started, method=method.fit, loss=method.loss, weighted=method.weighted
     )
     figures = {
-        "fit_rms_um": fit.fit.rms_pos * 1e6,
-        "fit_chi2_dof": fit.fit.chi2_dof,
+        "fit_rms_um": fit.accuracy.rms_pos * 1e6,
+        "fit_chi2_dof": fit.accuracy.chi2_dof,
         "identified": fit.n_identified,
         "iterations": fit.iterations,
         "prior_scale": fit.prior_scale,
