@@ -67,6 +67,15 @@ SHAPES: Mapping[str, Callable[[np.ndarray, float, float], np.ndarray]] = {
 }  # fmt: skip
 
 
+PLAIN = {
+    "q": "linear square cube wave", "neighbour": "linear", "direction": "linear", "payload": "linear square",
+    "time": "linear square step settling", "temp_arms": "linear square", "temp_rods": "linear square",
+    "temp_base": "linear square", "load": "linear absolute saturated", "x": "linear square", "y": "linear square",
+    "z": "linear square",
+}  # fmt: skip
+"""Variable → shapes that a short list of laws would have: those on which a search is asked for the right one."""
+
+
 @dataclass(frozen=True)
 class Law:
     """A deviation: amplitudes per place times a product of terms."""
@@ -91,14 +100,18 @@ class Law:
         return out
 
 
-def draw(counts: Mapping[str, int], seed: int) -> tuple[Law, ...]:
-    """The law, or the two laws, of a seed, for a robot with so many actuators, rods and axes."""
+def draw(counts: Mapping[str, int], seed: int, plain: bool = False) -> tuple[Law, ...]:
+    """The law, or the two laws, of a seed, for a robot with so many actuators, rods and axes.
+
+    Args:
+        plain: one law with one factor of PLAIN.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
-    count = 1 if rng.random() < ALONE else 2
-    return tuple(_law(counts, rng) for _ in range(count))
+    count = 1 if plain or rng.random() < ALONE else 2
+    return tuple(_law(counts, rng, plain) for _ in range(count))
 
 
-def _law(counts: Mapping[str, int], rng: np.random.Generator) -> Law:
+def _law(counts: Mapping[str, int], rng: np.random.Generator, plain: bool) -> Law:
     channel = str(rng.choice(list(CHANNELS)))
     places, size = CHANNELS[channel]
     n = counts[places]
@@ -111,11 +124,15 @@ def _law(counts: Mapping[str, int], rng: np.random.Generator) -> Law:
     own = ["fading"] if places == "axis" else ["q", "q", "q", "neighbour", "play"]
     late = ["load", "load", "x", "y", "z"] if channel in LATE else []
     variables = [*RECORDED, "direction", *own, *late]
-    terms = tuple(_term(variables, rng) for _ in range(1 if rng.random() < SIMPLE else 2))
+    if plain:
+        terms = (_term([v for v in variables if v in PLAIN], rng, PLAIN),)
+    else:
+        terms = tuple(_term(variables, rng) for _ in range(1 if rng.random() < SIMPLE else 2))
     return Law(channel, sharing, amplitude, terms)
 
 
-def _term(variables: list[str], rng: np.random.Generator) -> Term:
+def _term(variables: list[str], rng: np.random.Generator, of: Mapping[str, str] | None = None) -> Term:
     variable = str(rng.choice(variables))
-    shape = "linear" if variable in ("direction", "play", "fading") else str(rng.choice(list(SHAPES)))
+    shapes = list(SHAPES) if of is None else of[variable].split()
+    shape = "linear" if variable in ("direction", "play", "fading") else str(rng.choice(shapes))
     return Term(variable, shape, float(np.exp(rng.uniform(np.log(0.5), np.log(6.0)))), float(rng.uniform(-1, 1)))

@@ -30,6 +30,7 @@ class RandomLaw(Fault):
     SETTINGS = (
         Setting("scale", "number", low=-1e3, high=1e3, typical=1.0, about="times the usual size"),
         Setting("seed", "whole", 0, 0.0, about="which law"),
+        Setting("plain", "flag", False, about="one factor of few shapes, and one law alone"),
     )
 
     def __init__(self, robot: Robot, **values: Any):
@@ -39,7 +40,7 @@ class RandomLaw(Fault):
                 f"fault '{self.name}' is written for Deltas, and this robot is of kind '{robot.kind}'",
                 remedy="leave this fault out for this robot",
             )
-        self.laws = draw(counts(robot) | {"axis": 3}, int(values["seed"]))
+        self.laws = draw(counts(robot) | {"axis": 3}, int(values["seed"]), bool(values["plain"]))
         self._rods = rods(robot)
         self._arms = np.array([int(rod[0]) - 1 for rod in self._rods])
 

@@ -1,0 +1,118 @@
+"""`pcalib propose` on laws that no one has listed: whether the right one comes first, and what it is good for."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench import faults
+from bench.faults.random_law import RandomLaw
+from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
+from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, fitted, held_out, stage
+from bench.jobs.hidden.design import DESIGNS
+from pcalib.diagnosis import steps
+from pcalib.diagnosis.problem import problem
+from pcalib.effects import user
+from pcalib.errors import EffectError
+from pcalib.laws import telling
+from pcalib.laws.search import Family, Proposals, propose
+
+SIZES = (10.0, 40.0)
+"""Visible sizes, noise units, log-uniform."""
+DESIGN = replace(DESIGNS["rich"], check=120, interleaved=True)
+"""As many rows held out as fitted: the RMS of their errors then scatters by 4 %."""
+FIRST, NEAR = 5, 1.25
+CHANNELS = {
+    "motor": "actuator", "rod": "rod", "pair": "pair", "elbow": "elbow", "plate_anchor": "plate", "tool_point": "tool",
+    "tool_turn": "tool", "base_shift": "base", "base_turn": "base",
+}  # fmt: skip
+"""Channel of a random law → that of a proposal."""
+VARIABLES = {"neighbour": {"q"}, "direction": {"dir"}, "load": {"torque", "tension"}, "tool": {"tool_length"}}
+"""Variable of a random law → names in a proposal, where they differ."""
+
+
+def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
+    if task.variant == "nothing":
+        kind = KINDS[task.number % len(KINDS)]
+        there = stage(DESIGNS["rich"], kind, rng)
+        for _ in range(task.sets):
+            data = there.measure((), there.reference, int(rng.integers(2**31)))
+            yield Set(fitted(data, there.robot), data, f"{kind}, nothing", {})
+        return
+    there = stage(DESIGN, "delta", rng)
+    plain = task.variant == "plain_laws"
+    for _ in range(task.sets):
+        settings = {"scale": 1.0, "seed": int(rng.integers(2**31)), "plain": plain}
+        fault = faults.make(there.robot, "random_law", settings)
+        sized = there.scaled(fault, float(np.exp(rng.uniform(*np.log(SIZES)))))
+        if sized.capped:
+            continue
+        data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
+        assert isinstance(sized.fault, RandomLaw)
+        about = f"{sized.fault.words}; s {sized.size:.0f}"
+        yield Set(fitted(data, there.robot), data, about, {"laws": sized.fault.laws, "plain": plain})
+
+
+def _holds(family: Family, made: Set) -> bool:
+    """Whether a class has a member of the true channel that is a function of the true variable."""
+    [law] = made.truth["laws"]
+    [term] = law.terms
+    wanted = VARIABLES.get(term.variable, {term.variable})
+    return any(
+        told.channel.name == CHANNELS[law.channel] and wanted & {s.variable.name for s in told.term.variables}
+        for member in family.members
+        for told in member.laws
+    )
+
+
+def _after(made: Set, found: Proposals) -> float:
+    """Held-out RMS over the noise once the first class is in the model; NaN where it cannot be added."""
+    with tempfile.TemporaryDirectory() as folder:
+        only = replace(found, families=found.families[:1])
+        model = made.model
+        try:
+            for spec in telling.write(only, Path(folder), "data.csv"):
+                effect = user.load(spec, model.robot)
+                model = steps.add(model, made.data, spec, [effect]).after.model
+        except EffectError:
+            return float("nan")
+        return held_out(model, made.data, DESIGN.sigma_pos)
+
+
+def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
+    found = propose(problem(made.model, made.data))
+    if not made.truth:
+        return telling.sentence(found), {"proposed": bool(found.families)}
+    if not found.families:
+        missed = {"first": False, "five": False} if made.truth["plain"] else {"useful": True}
+        return telling.sentence(found), missed
+    after = _after(made, found)
+    said = f"{found.families[0].first.words()}; held-out {after:.2f} × the noise"
+    if not made.truth["plain"]:
+        honest = not found.families[0].first.adequate  # the sentence then begins with "No law … explains all"
+        return said, {"useful": honest or after <= NEAR}
+    return said, {
+        "first": _holds(found.families[0], made),
+        "five": any(_holds(family, made) for family in found.families[:FIRST]),
+        "floor": after <= 1.1,
+    }
+
+
+ROW = Row(
+    "proposals",
+    {"plain_laws": 100, "random_laws": 100, "nothing": 100},
+    {
+        "proposed": Bound("{}: a law proposed", 0.05),
+        "first": Bound("{}, s ≥ 10: true channel and variable in the first class", 0.80, at_most=False),
+        "five": Bound("{}, s ≥ 10: true channel and variable among the first five classes", 0.95, at_most=False),
+        "floor": Bound("{}: held-out rows within 10 % of the noise once the first is added", 0.85, at_most=False),
+        "useful": Bound("{}: no law said to explain all, or held-out within 25 % of the noise", 0.60, at_most=False),
+    },
+    _sets,
+    _judge,
+    per_task=4,
+)
