@@ -5,8 +5,6 @@ tools of 0, 100 and 300 mm. Random poses are measured bare; the planner may use 
 without tilt. Reference values are those of an independent study of the paper's method.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path

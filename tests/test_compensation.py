@@ -1,7 +1,5 @@
 """Compensation: the exact inverse lands where it is told, the first order is the paper's, effects included."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The docs name every schema that the code writes; docs/files.md names the keys of what is written."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

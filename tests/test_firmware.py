@@ -1,7 +1,5 @@
 """Printer configuration: exact where a three-arm firmware holds the geometry, an honest loss where it does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -138,19 +138,12 @@ def test_mutated_measurements(tmp_path, data):
 
 @fuzz
 @given(mutated(DATA, QUATERNIONS))
-def test_mutated_measurements_without_a_robot(tmp_path, data):
-    loaded = attempt(measurement.load, tmp_path / "a.csv", data, [])
-    if loaded is not None:
-        check_measurements(loaded)
-        inspection.inspect(loaded)
-
-
-@fuzz
-@given(mutated(QUATERNIONS))
-def test_mutated_measurements_of_a_hexapod(tmp_path, data):
-    loaded = attempt(measurement.load, tmp_path / "a.csv", data, [HEXAPOD])
-    if loaded is not None:
-        check_measurements(loaded)
+def test_mutated_measurements_without_a_robot_and_of_a_hexapod(tmp_path, data):
+    for described in ([], [HEXAPOD]):
+        loaded = attempt(measurement.load, tmp_path / "a.csv", data, described)
+        if loaded is not None:
+            check_measurements(loaded)
+            inspection.inspect(loaded)
 
 
 @fuzz

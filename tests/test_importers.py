@@ -1,7 +1,5 @@
 """Readers of other origin, on files made here and, where it is there, on the real ones."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Model files: what is written is read back, what is broken is refused, and no code is loaded unasked."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import replace
 
@@ -154,38 +152,23 @@ def test_history_takes_back(model, delta, perturb, measure, tmp_path):
 # --- broken and hostile files -----------------------------------------------------------------------------------------
 
 
-def table_of(model) -> dict:
-    return tomllib.loads(modelfile.dumps(model))
-
-
-def broken(change):
-    def make(table):
-        change(table)
-        return tomli_w.dumps(table)
-
-    return make
+ABSENT = object()
 
 
 def put(*path):
+    """How to break a model's table: path[-1] at the keys before it, or nothing there where that is ABSENT."""
     *keys, last, value = path
 
-    def change(table):
+    def make(table):
+        node = table
         for key in keys:
-            table = table[key]
-        table[last] = value
+            node = node[key]
+        node[last] = value
+        if value is ABSENT:
+            del node[last]
+        return tomli_w.dumps(table)
 
-    return broken(change)
-
-
-def drop(*path):
-    *keys, last = path
-
-    def change(table):
-        for key in keys:
-            table = table[key]
-        del table[last]
-
-    return broken(change)
+    return make
 
 
 BROKEN = {
@@ -194,11 +177,11 @@ BROKEN = {
     "another file": (lambda _: 'name = "delta"', "not a model file .no schema"),
     "another schema": (put("schema", "pcalib.model/9"), "schema 'pcalib.model/9'"),
     "schema of another type": (put("schema", [1]), "not a model file"),
-    "no robot": (drop("robot"), "robot is missing"),
+    "no robot": (put("robot", ABSENT), "robot is missing"),
     "robot is a number": (put("robot", 3), "robot"),
     "robot of no kind": (put("robot", "kind", "scara"), "unknown robot kind 'scara'"),
     "huge number in the robot": (put("robot", "geometry", "rod_length_mm", 10**400), "rod_length_mm"),
-    "no parameters": (drop("parameters"), "parameters is missing"),
+    "no parameters": (put("parameters", ABSENT), "parameters is missing"),
     "parameter of another robot": (put("parameters", "l99", {"value_mm": 1.0}), "parameter 'l99'"),
     "parameter is a number": (put("parameters", "l11", 800.0), "l11"),
     "value is text": (put("parameters", "l11", "value_mm", "long"), "l11"),
@@ -206,11 +189,11 @@ BROKEN = {
     "value is not finite": (put("parameters", "l11", "value_mm", float("nan")), "l11"),
     "value is huge": (put("parameters", "l11", "value_mm", 10**400), "l11"),
     "value in another unit": (put("parameters", "l11", {"value_inch": 31.5}), "l11"),
-    "value is absent": (drop("parameters", "l11"), "l11"),
+    "value is absent": (put("parameters", "l11", ABSENT), "l11"),
     "sigma is negative": (put("parameters", "l11", "sigma_mm", -1.0), "l11"),
     "level unknown": (put("level", "perfect"), "level 'perfect' is not one of"),
     "level is a list": (put("level", [1]), "level"),
-    "no level": (drop("level"), "level None is not one of nominal, classical"),
+    "no level": (put("level", ABSENT), "level None is not one of nominal, classical"),
     "effects are text": (put("effects", "all"), "effects"),
     "effect unknown": (put("effects", [{"spec": "ghosts"}]), "unknown effect 'ghosts'"),
     "effect without values": (put("effects", [{"spec": "backlash"}]), "backlash"),
@@ -218,7 +201,7 @@ BROKEN = {
     "effect spec is a number": (put("effects", [{"spec": 1}]), "spec"),
     "frame is short": (put("frame", "translation_mm", [1.0, 2.0]), "frame: translation_mm must be 3"),
     "frame is not finite": (put("frame", "rotation_deg", [0.0, float("nan"), 0.0]), "frame"),
-    "frame lacks a key": (drop("frame", "target_offset_mm"), "frame"),
+    "frame lacks a key": (put("frame", "target_offset_mm", ABSENT), "frame"),
     "time is text": (put("time_origin_s", "noon"), "time_origin_s must be a finite number"),
     "options are text": (put("options", "all"), "options is missing, or is no table"),
     "option unknown": (put("options", {"speed": 1}), "unknown key 'speed'"),
@@ -238,7 +221,7 @@ BROKEN = {
 @pytest.mark.parametrize(("make", "says"), BROKEN.values(), ids=BROKEN)
 def test_broken_files_are_refused_in_a_sentence(model, tmp_path, make, says):
     path = tmp_path / "m.toml"
-    path.write_text(make(table_of(model)), "utf-8")
+    path.write_text(make(tomllib.loads(modelfile.dumps(model))), "utf-8")
     with pytest.raises((InputError, EffectError), match=says) as caught:
         modelfile.load(path)
     assert str(path) in str(caught.value) or isinstance(caught.value, EffectError)
@@ -276,7 +259,7 @@ VALUES = st.recursive(
 @given(st.data())
 def test_any_value_anywhere_is_read_or_refused(model, data):
     """Fuzz: one entry of a good file replaced by anything gives a model of finite numbers or an error."""
-    table = table_of(model)
+    table = tomllib.loads(modelfile.dumps(model))
     node, keys = table, []
     while (
         isinstance(node, dict) and node and (not keys or data.draw(st.booleans() if len(keys) > 1 else st.just(True)))

@@ -1,7 +1,5 @@
 """docs/paper.md accounts for every numbered equation, and every name in it exists."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from pathlib import Path

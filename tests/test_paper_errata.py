@@ -4,8 +4,6 @@ Truths are Newton on the rod closures and central differences of it; none uses a
 Each erratum gives its largest disagreement with the truth, in m, rad or 1, as printed and as corrected.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pose planning against brute force, against random poses, and within its limits."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

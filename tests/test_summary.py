@@ -1,7 +1,5 @@
 """The headline of a fit: what is noise, what is not, and what was not asked."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

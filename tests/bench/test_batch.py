@@ -1,7 +1,5 @@
 """Poses closed many at once, against the machine that closes them one by one with rod bodies."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Processes that share work: every answer arrives, a death is found out, and nothing is left behind."""
 
-from __future__ import annotations
-
 import math
 import operator
 import os

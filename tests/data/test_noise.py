@@ -1,7 +1,5 @@
 """The covariance of readings against Monte Carlo of the instrument, and whitening against its definition."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every effect of the library, found by itself: protocol, linearity, basis, batch, and signs by hand."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Effects of the user's own: the template works, and every slip is named with file and line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Cross-validation: no row helps to predict itself, replicates stay together, and rod errors are closure errors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What data can say: ranks of the Delta, true sentences about what is not seen, indices of hand-made spectra."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

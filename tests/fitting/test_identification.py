@@ -1,7 +1,5 @@
 """Identification: exact where data are exact, calibrated where they are noisy, and outspoken where they are bad."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

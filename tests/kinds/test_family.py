@@ -1,7 +1,5 @@
 """Every robot kind against central differences, round trips, its gauge freedoms and the ranks that follow from them."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 
@@ -64,10 +62,11 @@ def central(function, n, h=5e-5):
     return np.stack([slope(step) for step in h * np.eye(n)], axis=-1)
 
 
+@pytest.mark.parametrize("tool", [np.zeros(3), TOOL], ids=["no tool", "tool"])
 @pytest.mark.parametrize("name", NAMES)
-def test_closure_jacobians_against_differences(name):
+def test_closure_jacobians_against_differences(name, tool):
     mechanism, k, q, pose = solved(name)
-    at = kinematics.closure(mechanism, k, q, pose, TOOL)
+    at = kinematics.closure(mechanism, k, q, pose, tool)
 
     def f(q=q, pose=pose, k=k):
         return kinematics.closure(mechanism, k, q, pose).f
@@ -76,7 +75,7 @@ def test_closure_jacobians_against_differences(name):
         # A twist at the TCP, by hand: the TCP moves, then the plate turns about it.
         turn = rotation.exp(np.broadcast_to(step[3:6], (len(q), 3)))
         R = turn @ pose.R
-        return f(pose=Pose(pose.tcp(TOOL) + step[:3] - (R @ TOOL), R, pose.phi + step[6:]))
+        return f(pose=Pose(pose.tcp(tool) + step[:3] - (R @ tool), R, pose.phi + step[6:]))
 
     J = kinematics.jacobian_state(mechanism, at, pose)
     assert differs(J, central(moved, mechanism.n_state)) < 1e-7

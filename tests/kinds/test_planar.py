@@ -1,7 +1,5 @@
 """The planar parallelogram as a robot kind: its rows, Jacobians and inverse, against geometry and differences."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What parameters are for: motor zeros, rigid motions and parts do to the loops what they say, whatever their names."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

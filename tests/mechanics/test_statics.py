@@ -1,7 +1,5 @@
 """Statics against virtual work along constrained motion, which never uses J_X."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Closed form, circle intersection and Newton are three ways to one pose; S_C against differences; rank and base."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

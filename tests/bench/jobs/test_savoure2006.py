@@ -1,7 +1,5 @@
 """The reproduction of the paper's study against figures that were found with independent code."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
