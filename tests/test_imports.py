@@ -18,10 +18,6 @@ NOT_OF_A_ROBOT = {"actuation", "levels", "start", "plate_points", "plate_columns
 STILL_UP = {
     ("bench.jobs.demo_report", "bench.jobs.demo"),
     ("pcalib.effects.user", "pcalib.effects"),
-    ("pcalib.mechanics", "pcalib.robot"),
-    ("pcalib.mechanics", "pcalib.kinds"),
-    ("pcalib.wording", "pcalib.model"),
-    ("pcalib.effects", "pcalib.model"),
 }
 """Arrows that lead back up and wait for their mending: none may be added."""
 
