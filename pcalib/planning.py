@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pcalib import prediction
+from pcalib import prediction, units
 from pcalib.errors import InputError
 from pcalib.fitting.identifiability import priors
 from pcalib.model import Model
@@ -125,3 +125,20 @@ def plan(
     sigma = np.r_[np.full(3, sigma_pos), np.full(3, sigma_rot)]
     order = d_optimal(information_blocks(robot, q, t, sigma, np.array(measured), level), n, tick=tick)
     return q[order], t[order]
+
+
+def table(robot: Robot, q: np.ndarray, conditions: Conditions, position: np.ndarray) -> dict[str, np.ndarray]:
+    """The columns of a plan as a file names them.
+
+    Args:
+        q: (n, nq) [rad or m] commands.
+        position: (n, 3) [m] where the model expects the measured point, measuring frame.
+    """
+    suffix, factor = robot.command_unit, units.UNITS[robot.command_unit].factor
+    columns = {f"{name}_{suffix}": q[:, i] / factor for i, name in enumerate(robot.mechanism.actuators)}
+    if conditions.tool.any():
+        columns |= {f"tool_{axis}_mm": conditions.tool[:, i] * 1e3 for i, axis in enumerate("xyz")}
+    columns["payload_kg"] = np.array(conditions.payload)
+    named = {"time": "time_s"} | {f"temp{part}": f"temp{part}_degC" for part in ("", "_arms", "_rods", "_base")}
+    columns |= {named.get(name, name): np.asarray(values) for name, values in conditions.columns.items()}
+    return columns | {f"expected_{axis}_mm": position[:, i] * 1e3 for i, axis in enumerate("xyz")}

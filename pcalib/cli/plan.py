@@ -2,6 +2,7 @@
 
     pcalib plan --robot models/delta.toml -n 40 -o plan.csv
     pcalib plan --robot models/delta.toml -n 40 --tool 0,0,0mm --tool 0,0,-300mm --position-only -o plan.csv
+    pcalib plan --to-tell --robot models/delta.toml -n 72 --temperature 16degC --temperature 28degC -o plan.csv
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from pcalib.cli._tools import ToolsOption, tool_options
-from pcalib.cli.frame import JsonOption, RequiredOutput, SeedOption, progress, quantity, say, write_json
+from pcalib.cli.frame import BesideOption, JsonOption, RequiredOutput, SeedOption, progress, quantity, say, write_json
 
 
 def command(
@@ -26,6 +27,10 @@ def command(
     sigma_rot: Annotated[np.ndarray | None, quantity("angle")] = None,
     position_only: bool = False,
     level: str = "complete",
+    to_tell: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
+    payload: tuple[str, ...] = (),
+    temperature: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = (),
+    plot: BesideOption = None,
     seed: SeedOption = 0,
     json: JsonOption = None,
 ) -> int | None:
@@ -43,6 +48,12 @@ def command(
         sigma_rot: Instrument noise of rotations; 0.005deg when absent.
         position_only: The instrument gives no orientation.
         level: Geometry level that is to be identified.
+        to_tell: Choose rows that tell effects apart instead: the named ones, or all that the robot can have. Rows then
+            have payloads, directions, replicates and, where named, temperatures; the units of noise that separate every
+            pair of effects are printed.
+        payload: With --to-tell: a mass at hand, e.g. 2kg; may be given several times. 0, 1 and 2 kg when absent.
+        temperature: With --to-tell: a temperature at hand, e.g. 28degC; may be given several times.
+        plot: With --to-tell: also draw the matrix of separations, SVG.
         seed: Of the candidate poses.
     """
     from pcalib import planning, units
@@ -61,6 +72,22 @@ def command(
     for option, value in (("--sigma-pos", sigma_pos), ("--sigma-rot", sigma_rot)):
         if value is not None and not value[0] > 0:
             raise InputError(f"{option} must be more than 0", remedy="say how well the instrument measures, 1σ")
+    noise = np.r_[
+        np.full(3, 2e-5 if sigma_pos is None else float(sigma_pos[0])),
+        np.full(3, np.inf if position_only else np.radians(0.005) if sigma_rot is None else float(sigma_rot[0])),
+    ]
+    if to_tell is not None:
+        from pcalib.cli import _to_tell
+        from pcalib.diagnosis.separation import AtHand
+
+        masses = [float(units.parse_quantity(text, "mass", option="--payload")[0]) for text in payload]
+        warm = [float(units.parse_quantity(text, "temperature", option="--temperature")[0]) for text in temperature]
+        at_hand = AtHand(masses or AtHand.payloads, tools, warm)
+        _to_tell.run(described, n, noise, to_tell, at_hand, level, seed, output, plot, json)
+        return None
+    for option, given in (("--payload", payload), ("--temperature", temperature), ("--plot", plot)):
+        if given:
+            raise InputError(f"{option} belongs to --to-tell", remedy="add --to-tell, or leave it out")
     with progress("choosing poses", 100) as advance:
         done = 0
 
@@ -71,8 +98,7 @@ def command(
 
         q, t = planning.plan(
             described, n, tools=tools, measured=[True] * 3 + [not position_only] * 3, level=level, seed=seed, tick=tick,
-            sigma_pos=2e-5 if sigma_pos is None else float(sigma_pos[0]),
-            sigma_rot=np.radians(0.005) if sigma_rot is None else float(sigma_rot[0]),
+            sigma_pos=float(noise[0]), sigma_rot=np.radians(0.005) if position_only else float(noise[3]),
         )  # fmt: skip
     point = kinematics.forward(mechanism, mechanism.nominal, q).pose.tcp(t)
     suffix, factor = described.command_unit, units.UNITS[described.command_unit].factor

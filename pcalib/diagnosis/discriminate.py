@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import prediction, units
+from pcalib import planning, prediction
 from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.problem import Problem, spread, unknowns_for
@@ -335,13 +335,4 @@ def _neutral(conditions: Conditions, needs: set[str]) -> Conditions:
 
 def table(robot: Robot, found: Plan) -> dict[str, np.ndarray]:
     """The columns of a plan as a file names them, with the place where the model expects the measured point."""
-    mechanism = robot.mechanism
-    suffix, factor = robot.command_unit, units.UNITS[robot.command_unit].factor
-    columns = {f"{name}_{suffix}": found.q[:, i] / factor for i, name in enumerate(mechanism.actuators)}
-    tool, payload = found.conditions.tool, found.conditions.payload
-    if tool.any():
-        columns |= {f"tool_{axis}_mm": tool[:, i] * 1e3 for i, axis in enumerate("xyz")}
-    columns["payload_kg"] = np.array(payload)
-    named = {"time": "time_s"} | {f"temp{part}": f"temp{part}_degC" for part in ("", "_arms", "_rods", "_base")}
-    columns |= {named.get(name, name): np.asarray(values) for name, values in found.conditions.columns.items()}
-    return columns | {f"expected_{axis}_mm": found.position[:, i] * 1e3 for i, axis in enumerate("xyz")}
+    return planning.table(robot, found.q, found.conditions, found.position)

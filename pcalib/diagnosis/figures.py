@@ -12,6 +12,7 @@ from pcalib.diagnosis import telling
 from pcalib.diagnosis.diagnose import Diagnosis, Why
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import CHANNELS, Cell, spoken
+from pcalib.diagnosis.separation import TOLD, Separation
 from pcalib.palette import SERIES
 from pcalib.report.figures import INK, PAPER, QUIET, RULE, drawing
 
@@ -51,6 +52,30 @@ def heatmap(cells: tuple[Cell, ...]) -> str:
         names = [v.replace("temp_", "temperature of ") for v in variables]
         axes.set_yticks(range(len(variables)), names, fontsize=9)
         axes.xaxis.tick_top()
+        for side in axes.spines.values():
+            side.set_visible(False)
+    return out[0]
+
+
+def separation(found: Separation) -> str:
+    """Effects against effects, coloured by the noise units that a fit with the one leaves of the other."""
+    n = len(found.names)
+    with drawing(2.4 + 0.46 * n, 1.9 + 0.34 * n) as (figure, out):
+        axes = figure.subplots()
+        for i in range(n):
+            for j in range(n):
+                left = float(found.matrix[i, j])
+                axes.add_patch(_tile(j, i, min(left / (2 * TOLD), 1.0)))
+                text = "=" if found.alias[i, j] else f"{left:.1f}" if left < 10 else f"{left:.0f}"
+                weight = "bold" if i == j else None
+                axes.text(j, i, text, ha="center", va="center", fontsize=8, color=INK, weight=weight)
+        axes.set_xlim(-0.5, n - 0.5)
+        axes.set_ylim(n - 0.5, -0.5)
+        axes.set_xticks(range(n), found.names, fontsize=8, rotation=90)
+        axes.set_yticks(range(n), found.names, fontsize=8)
+        axes.xaxis.tick_top()
+        axes.set_xlabel("fitted in its place (diagonal: what the geometry leaves visible; =: exact alias)", fontsize=8)
+        axes.set_ylabel("acting at its usual size", fontsize=8)
         for side in axes.spines.values():
             side.set_visible(False)
     return out[0]
