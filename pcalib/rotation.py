@@ -145,3 +145,15 @@ def transposed(R: np.ndarray) -> np.ndarray:
 def renormalise(R: np.ndarray) -> np.ndarray:
     """The nearest rotation to a product of many, by one Newton step of the polar decomposition."""
     return 1.5 * R - 0.5 * R @ (transposed(R) @ R)
+
+
+def laying(a: np.ndarray, b: np.ndarray, mirrored: bool = False) -> np.ndarray:
+    """R (…, 3, 3) that minimises Σ |b_n − R·a_n|² over points a, b (…, n, 3) about their centres (Kabsch 1976).
+
+    Args:
+        mirrored: the best reflection instead of the best rotation.
+    """
+    U, _, Vt = np.linalg.svd(np.swapaxes(b, -1, -2) @ a)
+    hand = np.sign(np.linalg.det(U @ Vt)) * (-1 if mirrored else 1)
+    U[..., 2] *= hand[..., None]
+    return U @ Vt

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = {
-    "errors", "units", "files", "settings", "robot", "rotation",
+    "errors", "units", "files", "settings", "registry", "robot", "rotation",
     "data.measurement", "data.instrument", "data.columns", "data.table", "data.plausibility",
 }  # fmt: skip
 """What the virtual robot may take from pcalib: descriptions, files with what is checked on reading, and rotations."""

@@ -25,8 +25,6 @@ Settings may be of a dimension that the robot decides: 'drive' is an angle on ro
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -38,7 +36,8 @@ from bench import kinds
 from bench.commands import Commands, Row
 from bench.rig import Rig
 from pcalib import settings
-from pcalib.errors import InputError, unknown
+from pcalib.errors import InputError
+from pcalib.registry import Registry
 from pcalib.robot import Robot
 from pcalib.settings import Setting
 
@@ -191,20 +190,8 @@ class Fault:
             self.held.append(joint.name)
 
 
-def names() -> list[str]:
-    """The faults that exist, by file name."""
-    return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
-
-
-def get(name: str) -> type[Fault]:
-    """The fault of that name.
-
-    Raises:
-        InputError: no such fault.
-    """
-    if name not in names():
-        raise InputError(unknown("fault", name, names()))
-    return importlib.import_module(f"{__name__}.{name}").FAULT
+FAULTS = Registry[type[Fault]](__name__, "FAULT", "fault")
+names, get = FAULTS.names, FAULTS.get
 
 
 def present(faults: Iterable[Fault]) -> tuple[Fault, ...]:

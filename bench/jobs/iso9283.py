@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcalib import rotation
+
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
@@ -62,6 +64,5 @@ def motion(attained: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.nda
         raise ValueError("a rigid motion needs three poses at least")
     middle = np.nanmean(attained[:, seen], axis=0)
     a, b = middle.mean(axis=0), wanted[seen].mean(axis=0)
-    U, _, Vt = np.linalg.svd((middle - a).T @ (wanted[seen] - b))
-    R = Vt.T @ np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))]) @ U.T
+    R = rotation.laying(middle - a, wanted[seen] - b)
     return R, b - R @ a

@@ -14,8 +14,6 @@ Spatial tendons may stand in for rod bodies in a further variant, between sites 
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +22,7 @@ import mujoco
 import numpy as np
 
 from bench.geometry import Place
-from pcalib.errors import InputError, unknown
+from pcalib.registry import Registry
 from pcalib.robot import Robot
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
@@ -71,17 +69,5 @@ class Kind:
         return min(self.max_tilt + commanded, np.pi)
 
 
-def names() -> list[str]:
-    """The kinds that exist, by file name."""
-    return sorted(m.name for m in pkgutil.iter_modules(__path__))
-
-
-def get(name: str) -> Kind:
-    """The kind of that name.
-
-    Raises:
-        InputError: the bench has no model of it.
-    """
-    if name not in names():
-        raise InputError(unknown("robot kind", name, names()), remedy="the virtual robot has no MuJoCo model of it")
-    return importlib.import_module(f"{__name__}.{name}").KIND
+KINDS = Registry[Kind](__name__, "KIND", "robot kind", remedy="the virtual robot has no MuJoCo model of it")
+names, get = KINDS.names, KINDS.get

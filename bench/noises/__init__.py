@@ -6,8 +6,6 @@ A file of this folder that defines ``NOISE``, a subclass of :class:`Noise`, is a
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -15,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pcalib.data.instrument import Instrument
-from pcalib.errors import InputError, unknown
+from pcalib.registry import Registry
 from pcalib.settings import Setting
 
 STREAM = 0x1257
@@ -94,20 +92,8 @@ def isotropic(sigma_pos: np.ndarray, sigma_rot: np.ndarray) -> np.ndarray:
     return np.stack([*[sigma_pos**2] * 3, *[sigma_rot**2] * 3], axis=1)[:, :, None] * np.eye(6)
 
 
-def names() -> list[str]:
-    """The noises that exist, by file name."""
-    return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
-
-
-def get(name: str) -> type[Noise]:
-    """The noise of that name.
-
-    Raises:
-        InputError: no such noise.
-    """
-    if name not in names():
-        raise InputError(unknown("noise", name, names()), column="noise")
-    return importlib.import_module(f"{__name__}.{name}").NOISE
+NOISES = Registry[type[Noise]](__name__, "NOISE", "noise", key="noise")
+names, get = NOISES.names, NOISES.get
 
 
 def all_settings() -> tuple[Setting, ...]:

@@ -38,12 +38,7 @@ class Reflectors(Noise):
         noise = self.values["sigma_reflector"] * scene.more(9).reshape(-1, 3, 3)
         seen = true + noise
         shift = seen.mean(axis=1)
-        # Kabsch: the turn that takes the true places to the seen ones.
-        U, _, Vt = np.linalg.svd(np.swapaxes(true, 1, 2) @ (seen - shift[:, None]))
-        V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
-        sign = np.ones((len(U), 3))
-        sign[:, 2] = np.sign(np.linalg.det(V @ Ut))
-        turn = (V * sign[:, None]) @ Ut
+        turn = rotation.laying(true, seen - shift[:, None])
         arm = scene.position - centre
         moved = shift + (turn @ arm[:, :, None])[:, :, 0] - arm
         return np.hstack([moved, rotation.log(turn)])

@@ -177,10 +177,7 @@ def _error(point: np.ndarray, position: np.ndarray, frame: str, *, mirrored: boo
     if frame == "base":
         return np.linalg.norm(position - point, axis=1)
     a, b = point - point.mean(axis=0), position - position.mean(axis=0)
-    u, _, vt = np.linalg.svd(a.T @ b)
-    hand = np.sign(np.linalg.det(u @ vt)) * (-1 if mirrored else 1)
-    turn = u @ np.diag([1, 1, hand]) @ vt
-    return np.linalg.norm(b - a @ turn, axis=1)
+    return np.linalg.norm(b - a @ rotation.laying(a, b, mirrored).T, axis=1)
 
 
 def _rms(error: np.ndarray) -> float:

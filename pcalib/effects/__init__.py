@@ -5,17 +5,15 @@ A file of this folder that defines ``EFFECT`` is an effect of that file's name; 
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
 from pcalib.effects.library import LibraryEffect, Places
-from pcalib.errors import EffectError, unknown
+from pcalib.errors import EffectError
+from pcalib.registry import Registry
 from pcalib.robot import Robot
 
 __all__ = [
@@ -31,19 +29,11 @@ __all__ = [
 ]
 
 
-@lru_cache(maxsize=1)
-def _library() -> dict[str, type[LibraryEffect]]:
-    found = {}
-    for module in pkgutil.iter_modules(__path__):
-        effect = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
-        if effect is not None:
-            found[module.name] = effect
-    return dict(sorted(found.items()))
-
-
-def names() -> list[str]:
-    """The effects of the library."""
-    return list(_library())
+LIBRARY = Registry[type[LibraryEffect]](
+    __name__, "EFFECT", "effect", error=EffectError, helpers=("base", "library", "user"),
+    remedy="an effect of your own is given as file.py:ClassName",
+)  # fmt: skip
+names = LIBRARY.names
 
 
 def get(
@@ -59,9 +49,7 @@ def get(
     Raises:
         EffectError: no such effect or variant, or one that makes no sense on this robot.
     """
-    if name not in _library():
-        raise EffectError(unknown("effect", name, names()) + "\n  an effect of your own is given as file.py:ClassName")
-    kind = _library()[name]
+    kind = LIBRARY.get(name)
     places = Places() if robot is None else Places.of(robot.mechanism)
     options = {}
     if kind.cycles:

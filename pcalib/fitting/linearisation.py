@@ -122,6 +122,5 @@ def register(model: Model, data: Measurements) -> Frame:
             remedy="measure more poses, or in the base frame (# frame = base)",
         )
     a, b = p.position[full], data.position[full]
-    U, _, Vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
-    R = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    R = rotation.laying(a - a.mean(0), b - b.mean(0))
     return Frame(R, b.mean(0) - R @ a.mean(0))

@@ -6,8 +6,6 @@ reads stands in its docstring.
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +15,7 @@ import numpy as np
 from pcalib import units
 from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError, unknown
+from pcalib.registry import Registry
 from pcalib.robot import Robot
 
 
@@ -58,20 +57,10 @@ class Importer:
     """From the file and all options in SI."""
 
 
-def names() -> list[str]:
-    """The readers that exist, by name."""
-    return sorted(m.name.replace("_", "-") for m in pkgutil.iter_modules(__path__))
-
-
-def get(name: str) -> Importer:
-    """The reader of that name.
-
-    Raises:
-        InputError: no such reader.
-    """
-    if name not in names():
-        raise InputError(unknown("form", name, names()), remedy="'pcalib import --help' describes them")
-    return importlib.import_module(f"{__name__}.{name.replace('-', '_')}").IMPORTER
+IMPORTERS = Registry[Importer](
+    __name__, "IMPORTER", "form", remedy="'pcalib import --help' describes them", separator="-"
+)  # fmt: skip
+names, get = IMPORTERS.names, IMPORTERS.get
 
 
 def run(name: str, path: str | Path, given: Iterable[str] = ()) -> Imported:

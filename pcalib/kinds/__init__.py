@@ -5,16 +5,14 @@ A file of this folder that defines ``KIND`` is a kind; nothing else has to be to
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pcalib.errors import InputError, unknown
 from pcalib.mechanics.mechanism import Mechanism
+from pcalib.registry import Registry
 from pcalib.settings import Setting
 
 LARGEST_LENGTH = 100.0
@@ -61,17 +59,5 @@ class Kind:
     """The keys of [mass]."""
 
 
-def names() -> list[str]:
-    """The kinds that exist, by file name."""
-    return sorted(m.name for m in pkgutil.iter_modules(__path__))
-
-
-def get(name: str) -> Kind:
-    """The kind of that name.
-
-    Raises:
-        InputError: no such kind.
-    """
-    if name not in names():
-        raise InputError(unknown("robot kind", name, names()), key="kind")
-    return importlib.import_module(f"{__name__}.{name}").KIND
+KINDS = Registry[Kind](__name__, "KIND", "robot kind", key="kind")
+names, get = KINDS.names, KINDS.get

@@ -7,8 +7,6 @@ the seed of the run that name fixes every byte of it.
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,6 +19,7 @@ from bench.jobs.hidden.grading import Line
 from pcalib.data.measurement import Measurements
 from pcalib.errors import FitError, InputError, unknown
 from pcalib.model import Model
+from pcalib.registry import Registry
 
 STREAM = 0x7EE7
 
@@ -127,20 +126,8 @@ class Row:
         return Line(name, words, bound.bound, bound.at_most, sum(hits), len(hits))
 
 
-def names() -> list[str]:
-    """The rows that exist, by file name."""
-    return sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
-
-
-def get(name: str) -> Row:
-    """The row of that name.
-
-    Raises:
-        InputError: no such row.
-    """
-    if name not in names():
-        raise InputError(unknown("row", name, names()))
-    return importlib.import_module(f"{__name__}.{name}").ROW
+ROWS = Registry[Row](__name__, "ROW", "row")
+names, get = ROWS.names, ROWS.get
 
 
 def tasks(wanted: Sequence[str], most: int | None = None) -> list[Task]:
