@@ -113,7 +113,7 @@ class Equilibrium:
                     K = self._tangent()
                 continue
             last = size
-            limit = 0.1  # a spring that gives way further is no machine part any more
+            limit = 0.1  # [m, rad] no part of a machine gives way by more in one step
             self._step[free] = step if size <= limit else step * (limit / size)
             mujoco.mj_integratePos(loops.model, loops.data.qpos, self._step, 1.0)
         return Rest(False, residual, iteration)

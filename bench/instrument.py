@@ -1,4 +1,4 @@
-"""What an instrument makes of the poses that the robot takes.
+"""How an instrument measures the poses of the robot.
 
 One instrument has all properties, most of them zero: noise of some sort (`bench.noises`), a frame of its own,
 resolution, rows and components that go missing, gross outliers. Its drift and its scale are faults. Kinds differ in

@@ -1,4 +1,4 @@
-"""The virtual robot: commands in, poses out, by MuJoCo alone.
+"""The virtual robot: it turns commands into poses, by MuJoCo alone.
 
     machine = Machine(robot, values)             # a robot file, and the true values of its geometric parameters
     landing = machine.land(q, tool=[0, 0, -0.3]) # joint commands (N, nq) [rad] → poses, TCPs and a status per row

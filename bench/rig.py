@@ -1,4 +1,4 @@
-"""The compiled robot with its faults built in: the object that a machine moves and that faults get their hands on."""
+"""The compiled robot with its faults built in: what a machine moves, and what faults change row by row."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pcalib.robot import Robot
 
 
 class Rig:
-    """Model, data and the joints that are no one's free choice.
+    """Model and data, with the joints whose values are prescribed.
 
     Args:
         robot: nominal robot.

@@ -1,4 +1,4 @@
-"""A data set from a truth and a plan: the robot goes there, the instrument looks, and a file is written.
+"""A data set from a truth and a plan: the robot carries out the plan, and the instrument measures it.
 
 Every row is computed by itself from seed and row number, so that a data set has the same bytes however many processes
 share the work.
@@ -37,7 +37,7 @@ class Robotic(Protocol):
         ...
 
 DATED = 1e8
-"""[s] a clock that reads more at the first row tells the date, and not how long a fault has been at work."""
+"""[s] A time above this at the first row is a date; faults then count from the first row."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Faults: what a real robot has and the drawings do not. One file each.
+"""Faults: deviations of a real robot from its drawings and from what its controller assumes, one file each.
 
 A file of this folder that defines ``FAULT``, a subclass of :class:`Fault`, is a fault; its name is the file's. Files
 that start with `_` hold what several share. A fault acts through MuJoCo: it adds joints, springs and bodies to the
@@ -50,7 +50,7 @@ _OF_DRIVES = {
 
 
 STIFFEST = 1e13
-"""[N/m, N·m/rad] what is stiffer is rigid: it would give way by picometres, and leave soft springs no digits."""
+"""[N/m, N·m/rad] A spring that is stiffer counts as rigid: it gives way by picometres."""
 
 
 class Fault:

@@ -1,4 +1,4 @@
-"""What happens once, between two rows of a session, and stays."""
+"""What faults with a date share: they happen once, before a row, and stay."""
 
 from __future__ import annotations
 

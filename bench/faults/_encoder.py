@@ -1,4 +1,4 @@
-"""What a controller does with an encoder that errs."""
+"""Where a controller brings a shaft whose encoder errs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def invert(reading: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
-    """The shaft angles (nq,) [rad] that an encoder with small errors reads as theta: what the controller goes to."""
+    """The shaft angles (nq,) [rad] at which encoders with small errors read theta."""
     shaft = theta.copy()
     for _ in range(60):
         off = reading(shaft) - theta

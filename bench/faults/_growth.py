@@ -1,4 +1,4 @@
-"""Parts that grow with their temperature: what the thermal faults share."""
+"""What the thermal faults share: a part that grows with its temperature."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def expansion(typical: float) -> tuple[Setting, ...]:
 
 
 class Growth(Fault):
-    """The dimensions of one part grow by α·(T − 20 °C), T the column temp_<part> (or temp) of the commands."""
+    """The dimensions of one part grow by α·(T − 20 °C), where T is the column temp_<part> of the commands."""
 
     PART: ClassVar[str]
     """Whose temperature counts: arms, rods or base."""

@@ -1,4 +1,4 @@
-"""Arms that bend under the pull of their rods and their own weight."""
+"""The arms bend under the pull of their rods and under their own weight."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FIRST = (1 - 1 / math.sqrt(3)) / 2
 
 
 class ArmBending(Fault):
-    """Two spring hinges at the Gauss points of every arm, in the arm's plane (vertical) and across it (lateral).
+    """Every arm has two spring hinges at its Gauss points, in the arm's plane (vertical) and across it (lateral).
 
     Hinges of stiffness 2EI/L at (1 ∓ 1/√3)/2 of the length L integrate the bending line exactly for forces and moments
     at the tip and for the arm's own uniform weight, so this is an Euler–Bernoulli cantilever: a force on the elbow

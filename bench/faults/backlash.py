@@ -1,4 +1,4 @@
-"""Play in the drives: the arm lies against one flank of its gears or the other."""
+"""The drives have play: each arm lies against one flank of its gear or against the other."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from pcalib.settings import Setting
 
 
 class Backlash(Fault):
-    """A dead band of width b on each motor axis; the arm stands at one of its ends.
+    """Every motor axis has a dead band of width b, and the arm stands at one of its ends.
 
-    side = "direction": friction keeps the arm behind the last motion, at −b/2·dir; where a row has no direction, and
-    with side = "load", the load MuJoCo finds on the joint pushes it to its end. Typical b: 1–3 arcmin.
+    With side = "direction" friction keeps the arm behind its last motion, at −b/2·dir. Where a row has no direction,
+    and with side = "load", the load that MuJoCo finds on the joint pushes the arm to an end. Typical b: 1–3 arcmin.
     """
 
     MJCF = "a held hinge (slide) `q1.gap` on the motor axis, put to an end of its play"

@@ -1,4 +1,4 @@
-"""A base that creeps, on its feet or on a floor that warms."""
+"""The base creeps, on its feet or on a floor that warms up."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pcalib.settings import Setting
 
 
 class BaseDrift(Fault):
-    """The base body moves at constant rates: x → exp(ω·t)·x + v·t, t from the first row.
+    """The base body moves at constant rates: x → exp(ω·t)·x + v·t, with t counted from the first row.
 
     Tenths of a millimetre in two hours of warm-up are usual.
     """

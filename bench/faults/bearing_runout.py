@@ -1,4 +1,4 @@
-"""Motor bearings that run out: the axis itself moves as it turns."""
+"""The motor bearings run out: each motor axis moves as its arm turns."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from pcalib.settings import Setting
 class BearingRunout(Fault):
     """The motor axis moves on a circle of radius e about its mean place, n times per turn of the arm.
 
-    Two slides on the arm carry it: seen from the arm, the circle is run through n − 1 times per turn. n = 1 would be an
-    arm mounted off centre, which is geometry; an oval race has 2, a ball cage 0.4. Typical e: 2–20 µm.
+    Two slides on the arm carry the axis; seen from the arm, the axis runs round the circle n − 1 times per turn. With
+    n = 1 the arm would be mounted off centre, which is geometry; an oval race has n = 2, a ball cage n = 0.4. Typical
+    e: 2–20 µm.
     """
 
     MJCF = "held slides `q1.out_y`, `q1.out_z` on the arm body"

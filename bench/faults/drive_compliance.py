@@ -1,4 +1,4 @@
-"""Drives that give way: a spring between motor and arm, whose stiffness may grow with its deflection."""
+"""The drives give way under load; their stiffness may grow with the deflection."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pcalib.settings import Setting
 
 
 class DriveCompliance(Fault):
-    """A spring hinge (or slide) on each motor axis, in series with the motor.
+    """A spring hinge (or slide) stands on each motor axis, in series with the motor.
 
-    Torque k·φ·(1 + h·(φ/1 mrad)²): with h = 0.5 a deflection of 1 mrad meets one and a half times the stiffness.
-    Gearboxes 41–120 kN·m/rad (8–24 µrad/(N·m)), belts about 15 kN·m/rad.
+    Its torque is k·φ·(1 + h·(φ/1 mrad)²): with h = 0.5 the secant stiffness at 1 mrad is one and a half times k.
+    Gearboxes have 41–120 kN·m/rad (8–24 µrad/(N·m)), belts about 15 kN·m/rad.
     """
 
     MJCF = "a hinge (slide) `q1.spring` with `stiffness` on the body of motor joint `q1`, coaxial with it"

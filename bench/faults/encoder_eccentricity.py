@@ -1,4 +1,4 @@
-"""Encoder discs that sit off the centre of their shafts: an error once per turn."""
+"""The encoder discs sit off the centres of their shafts, which gives an error once per turn."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pcalib.settings import Setting
 
 
 class EncoderEccentricity(Fault):
-    """The disc's centre is ε·r away from the shaft's, r its radius; the head sees the line that passes it.
+    """The centre of a disc of radius r is ε·r away from that of its shaft.
 
-    From the head the centre stands at angle atan2(−ε·sin(s + φ), 1 − ε·cos(s + φ)) when the shaft stands at s, so the
-    encoder reads s + atan2(ε·sin(s + φ), 1 − ε·cos(s + φ)), and the controller turns the shaft until that is the
-    command. 10 µm on a disc of 50 mm diameter: ε = 400 µrad.
+    Seen from the reading head, the disc's centre stands at the angle atan2(−ε·sin(s + φ), 1 − ε·cos(s + φ)) when the
+    shaft stands at s. The encoder therefore reads s + atan2(ε·sin(s + φ), 1 − ε·cos(s + φ)), and the controller turns
+    the shaft until this reading is the command. An offset of 10 µm on a disc of 50 mm diameter is ε = 400 µrad.
     """
 
     MJCF = "the target of motor joint `q1`"

@@ -1,4 +1,4 @@
-"""Encoder discs that wobble: seen at a slant, a circle is an ellipse, and the error comes twice per turn."""
+"""The encoder discs sit at a tilt on their shafts, which gives an error twice per turn."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from pcalib.settings import Setting
 
 
 class EncoderOvality(Fault):
-    """A disc tilted by β is read as if stretched by κ = 1/cos β across the axis of its tilt.
+    """A disc that is tilted by β is read as if it were stretched by κ = 1/cos β across the axis of its tilt.
 
-    The encoder reads atan2(κ·sin(s + φ), cos(s + φ)) − φ; its error swings by A = (κ − 1)/(κ + 1) = tan²(β/2).
-    Typical A: 50–500 µrad.
+    The encoder reads atan2(κ·sin(s + φ), cos(s + φ)) − φ when the shaft stands at s. The amplitude of its error is
+    A = (κ − 1)/(κ + 1) = tan²(β/2). Typical A: 50–500 µrad.
     """
 
     MJCF = "the target of motor joint `q1`"

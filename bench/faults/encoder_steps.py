@@ -1,4 +1,4 @@
-"""Encoders of few bits: the drive stops at the nearest step, always the same one."""
+"""The encoders have few bits: each drive stops at the step that is nearest to its command."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pcalib.settings import Setting
 class EncoderSteps(Fault):
     """The shaft goes to the whole multiple of a step that is nearest to the command.
 
-    The error repeats exactly, so that replicates do not show it. Fifteen bits: 192 µrad.
+    The error repeats exactly, so that replicates do not show it. An encoder of fifteen bits has steps of 192 µrad.
     """
 
     MJCF = "the target of motor joint `q1`"

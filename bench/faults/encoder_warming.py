@@ -1,4 +1,4 @@
-"""Encoders whose zero moves with temperature."""
+"""The zeros of the encoders move with temperature."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pcalib.settings import Setting
 
 
 class EncoderWarming(Fault):
-    """The drive stands off by κ·(T − 20 °C), T the temperature of the base, which the motors sit on.
+    """Every drive is off by κ·(T − 20 °C), where T is the temperature of the base, on which the motors sit.
 
     Typical κ: 1–10 µrad/K.
     """

@@ -1,4 +1,4 @@
-"""A frame that leans under the robot: the further out the load, the more."""
+"""The frame leans under the robot when a load stands off its middle."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pcalib.settings import Setting
 class FrameBending(Fault):
     """The whole base hangs on two spring hinges, about x and y, at a height above its origin.
 
-    Payload times its distance from the middle tilts it. Typical: 0.05–0.5 µrad/(N·m).
+    The moment of the payload about the hinges tilts it. Typical: 0.05–0.5 µrad/(N·m).
     """
 
     MJCF = "hinges `base.x`, `base.y` with `stiffness` between world and body `base`"

@@ -1,4 +1,4 @@
-"""Friction that grows with the load and winds the drive up: the arm stops short, on the side it came from."""
+"""Friction in the drives grows with the load, so that each arm stops short of its command."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ STILL = 1e-14
 
 
 class FrictionHysteresis(Fault):
-    """A spring–slider on each motor axis: the slider yields at μ·|τ|, the spring k winds up to c·|τ|, c = μ/k.
+    """A slider and a spring k stand on each motor axis; the slider yields at μ·|τ|, where τ is the load on the joint.
 
-    A motion longer than the wind-up ends with the slider at its yield point, so the arm stands at −c·|τ|·dir behind
-    its motor; |τ| is the load that MuJoCo finds on the joint, and moves with it. Typical c: 10 µrad/(N·m).
+    A motion that is longer than the wind-up c·|τ|, c = μ/k, ends with the slider at its yield point, so that the arm
+    stands at −c·|τ|·dir behind its motor. MuJoCo finds τ, which changes with the wind-up. Typical c: 10 µrad/(N·m).
     """
 
     MJCF = "a held hinge (slide) `q1.windup` on the motor axis, put where the yielded slider leaves it"

@@ -1,4 +1,4 @@
-"""A gear, belt or screw that moves a little more, or less, than the controller believes."""
+"""A gear, belt or screw moves a little more, or less, than the controller assumes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pcalib.settings import Setting
 
 
 class GearRatio(Fault):
-    """The shaft goes to (1 + g)·q. From 0.1 % on a wrong unit is more likely than a wrong gear."""
+    """The shaft goes to (1 + g)·q. An error above 0.1 % is more likely a wrong unit than a wrong gear."""
 
     MJCF = "the target of motor joint `q1`"
     SETTINGS = (Setting("error", "ratio", low=-0.1, high=0.1, typical=2e-4, per="actuator", about="g of each drive"),)

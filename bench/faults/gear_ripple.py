@@ -1,4 +1,4 @@
-"""A gear wheel that runs out: an error that comes many times per turn of the arm."""
+"""A gear wheel runs out, which gives an error many times per turn of the arm."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from pcalib.settings import Setting
 
 
 class GearRipple(Fault):
-    """A pinion turns n times per turn of the arm and is mounted off its centre: the mesh runs ahead and behind.
+    """A pinion turns n times per turn of the arm and is mounted off its centre, so that the mesh runs ahead and behind.
 
-    The encoder on the pinion's shaft knows nothing of it: the arm stands at q + A·sin(n·q + φ). Up to 6 arcmin.
+    The encoder on the shaft of the pinion does not see this error: the arm stands at q + A·sin(n·q + φ). A is 6 arcmin
+    at most.
     """
 
     MJCF = "the target of motor joint `q1`"

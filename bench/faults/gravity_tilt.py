@@ -1,4 +1,4 @@
-"""A robot that hangs crooked: gravity does not point along the base's −z."""
+"""The robot is mounted out of level, so that gravity does not point along the base's −z."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pcalib.settings import Setting
 
 
 class GravityTilt(Fault):
-    """Gravity turns by the rotation vector (x, y, 0). A rigid robot does not feel it; typical 1–10 mrad."""
+    """Gravity is turned by the rotation vector (x, y, 0), typically 1–10 mrad. It does not move a rigid robot."""
 
     MJCF = "`option/gravity`"
     SETTINGS = (

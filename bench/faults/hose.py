@@ -1,4 +1,4 @@
-"""A hose or cable that pulls on the plate."""
+"""A hose or a cable pulls on the plate."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pcalib.settings import Setting
 
 
 class Hose(Fault):
-    """A spatial tendon from a point of the base to a point of the plate: a spring that only pulls.
+    """A spatial tendon from a point of the base to a point of the plate acts as a spring that only pulls.
 
-    Force k·(length − rest length) where it is stretched. A rigid robot does not feel it: it moves the TCP through
-    whatever gives way, so put it beside a compliance. Typical: 20–100 N/m, rest length 0.5 m.
+    Its force is k·(length − rest length) where the tendon is stretched. The force does not move a rigid robot, so a
+    hose needs a compliance beside it. Typical: 20–100 N/m, rest length 0.5 m.
     """
 
     MJCF = "a spatial tendon `hose` with `stiffness` and `springlength`"

@@ -1,4 +1,4 @@
-"""Play in the spherical joints: a rod is longer when it pulls than when it pushes."""
+"""The spherical joints have play: a rod is longer when it pulls than when it pushes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from pcalib.settings import Setting
 
 
 class JointClearance(Fault):
-    """A slide along every rod with a dead band of width c, both of its joints together.
+    """Every rod has a slide along itself with a dead band of width c, which stands for both of its joints.
 
-    Under tension the balls lie against the far sides of their sockets, δl = +c/2, under compression −c/2; the sign is
-    that of the force MuJoCo finds in the slide. Typical c: 4–12 µm.
+    Under tension the balls lie against the far sides of their sockets (δl = +c/2), under compression against the near
+    sides (δl = −c/2). The sign is that of the force that MuJoCo finds in the slide. Typical c: 4–12 µm.
     """
 
     MJCF = "a held slide `rod11.gap` on body `tip11`, put to an end of its play by the force MuJoCo finds in it"

@@ -1,4 +1,4 @@
-"""A motor whose zero slips once: a belt that jumps, a coupling that turns on its shaft."""
+"""The zero of a motor slips once: a belt jumps a tooth, or a coupling turns on its shaft."""
 
 from __future__ import annotations
 

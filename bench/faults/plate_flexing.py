@@ -1,4 +1,4 @@
-"""A plate whose ears bend out of its plane under the pull of the rods."""
+"""The ears of the plate bend out of its plane under the pull of the rods."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pcalib.settings import Setting
 
 
 class PlateFlexing(Fault):
-    """Each plate-side anchor sits on a spring slide along the plate's normal. Typical: 0.02–0.2 µm/N."""
+    """Each plate-side anchor sits on a spring slide along the normal of the plate. Typical: 0.02–0.2 µm/N."""
 
     MJCF = "bodies `ear11` … on spring slides along the plate's normal, which carry the sites of the joints"
     SETTINGS = (

@@ -1,4 +1,4 @@
-"""A law that no one has listed, drawn by its seed: see `bench/random_laws.py`."""
+"""Something deviates by a law that no one has listed and that a seed draws (`bench/random_laws.py`)."""
 
 from __future__ import annotations
 

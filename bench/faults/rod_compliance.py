@@ -1,4 +1,4 @@
-"""Rods that stretch and shorten under their force."""
+"""The rods stretch and shorten under their forces."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pcalib.settings import Setting
 
 
 class RodCompliance(Fault):
-    """A spring slide at the end of every rod, along the rod: δl = T/k.
+    """Every rod has a spring slide at its end, along the rod: δl = T/k at the tension T.
 
     The spring lies between two halves of the rod's mass, so that it bears the mean tension of a rod that hangs by its
     own weight. Carbon rods have 10–50 N/µm (0.02–0.1 µm/N).

@@ -1,4 +1,4 @@
-"""Arms that grow with temperature."""
+"""The arms grow with temperature."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pcalib.robot import Robot
 
 
 class ThermalArms(Growth):
-    """The arms grow from their motor axes: every elbow point moves out by α·(T − 20 °C). Aluminium: 23.6 ppm/K."""
+    """The arms grow from their motor axes: every elbow point moves out by α·(T − 20 °C). Aluminium has 23.6 ppm/K."""
 
     PART = "arms"
     ROTARY = True

@@ -9,7 +9,7 @@ from pcalib.robot import Robot
 
 
 class ThermalBase(Growth):
-    """The base grows from its centre by α·(T − 20 °C), and takes the motors along. Steel 12, aluminium 23.6 ppm/K."""
+    """The base grows from its centre by α·(T − 20 °C), with the motors. Steel has 12 ppm/K, aluminium 23.6."""
 
     PART = "base"
     NEEDS = ("temp_base",)

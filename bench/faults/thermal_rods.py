@@ -1,4 +1,4 @@
-"""Rods that grow with temperature."""
+"""The rods grow with temperature."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pcalib.robot import Robot
 
 
 class ThermalRods(Growth):
-    """Every rod grows along itself by α·(T − 20 °C), legs with their screws. Carbon 0–2 ppm/K, steel 12."""
+    """Every rod (a leg: with its screw) grows along itself by α·(T − 20 °C). Carbon has 0–2 ppm/K, steel 12."""
 
     PART = "rods"
     NEEDS = ("temp_rods",)

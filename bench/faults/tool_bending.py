@@ -1,4 +1,4 @@
-"""A tool that bends under its payload."""
+"""The tool bends under its payload."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ REFERENCE = 0.1
 
 
 class ToolBending(Fault):
-    """Spring hinges at the foot of the tool, as stiff as a cantilever of that length: c·(h/100 mm)³ at its tip.
+    """Spring hinges at the foot of the tool give its tip the compliance c·(h/100 mm)³ of a cantilever, h = |t|.
 
-    c is the tip compliance h³/3EI of a tool of 100 mm; h = |t|. The instrument sees the plate's rotation, not the
-    tool's. A tool that hangs plumb does not bend. Typical c: 0.5–5 µm/N.
+    c is the compliance h³/3EI at the tip of a tool of 100 mm. The instrument sees the rotation of the plate, not that
+    of the tool. A tool that hangs plumb does not bend. Typical c: 0.5–5 µm/N.
     """
 
     MJCF = "hinges `tool.x`, `tool.y`, `tool.z` on body `tool`, their `stiffness` set for the length of each row's tool"

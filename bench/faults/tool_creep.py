@@ -1,4 +1,4 @@
-"""A tool mount that settles: the tool leans more and more, fast at first."""
+"""The mount of the tool settles: the tool leans more and more, fast at first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pcalib.settings import Setting
 
 
 class ToolCreep(Fault):
-    """The tool turns about its mount by ρ·log10(1 + t/τ), t from the first row. Typical |ρ|: 50–500 µrad per decade."""
+    """The tool turns about its mount by ρ·log10(1 + t/τ), with t from the first row. Typical |ρ|: 50–500 µrad."""
 
     MJCF = "the tool vector in the frame of body `tool`"
     SETTINGS = (

@@ -1,4 +1,4 @@
-"""An instrument that is bumped once: from then on everything seems to have moved."""
+"""The instrument is bumped once, and everything that it measures afterwards seems to have moved."""
 
 from __future__ import annotations
 

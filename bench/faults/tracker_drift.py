@@ -1,4 +1,4 @@
-"""An instrument that creeps on its stand: what stands still seems to creep the other way."""
+"""The instrument creeps on its stand, so that what stands still seems to creep the other way."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pcalib.settings import Setting
 
 
 class TrackerDrift(Fault):
-    """The instrument moves at constant rates in its own axes: x → exp(−ω·t)·(x − v·t), t from the first row.
+    """The instrument moves at constant rates in its own axes: x → exp(−ω·t)·(x − v·t), with t from the first row.
 
-    Tenths of a millimetre in two hours; the same as a drift of the base the other way.
+    Tenths of a millimetre in two hours are usual. The data are those of a base that drifts the other way.
     """
 
     MJCF = "nothing: it is the instrument's"

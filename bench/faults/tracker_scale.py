@@ -1,4 +1,4 @@
-"""An instrument whose metre is not one: wrong wavelength, wrong air, wrong target."""
+"""The instrument measures every distance too long or too short: its wavelength, air or target is wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Noise of instruments: one file each, which says how readings err and what the instrument's maker states of it.
+"""Noise of instruments: one file each, which draws the errors of readings and knows their covariance.
 
 A file of this folder that defines ``NOISE``, a subclass of :class:`Noise`, is a noise; its name is the file's, and
 ``[instrument] noise = "NAME"`` in a truth file chooses it. Files that start with `_` are none.

@@ -1,4 +1,4 @@
-"""Noise that is correlated in time: air that moves slowly, a stand that breathes."""
+"""Noise that is correlated in time, as from air that moves slowly or a stand that warms up."""
 
 from __future__ import annotations
 

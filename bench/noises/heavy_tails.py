@@ -1,4 +1,4 @@
-"""Heavy tails: errors that follow Student's t with three degrees of freedom."""
+"""Noise with heavy tails: errors that follow Student's t with three degrees of freedom."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A laser tracker: sharp along its beam, less so across it."""
+"""The noise of a laser tracker: small along its beam, larger across it."""
 
 from __future__ import annotations
 

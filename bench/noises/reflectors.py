@@ -1,4 +1,4 @@
-"""Three reflectors on the plate, measured one by one: the pose is their rigid fit."""
+"""The noise of a pose that is a rigid fit to three reflectors on the plate, measured one by one."""
 
 from __future__ import annotations
 

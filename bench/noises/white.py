@@ -1,4 +1,4 @@
-"""White noise: every component of every row by itself, with a σ that may grow with the distance."""
+"""White noise: the components of all rows are independent, with a σ that may grow with the distance."""
 
 from __future__ import annotations
 
