@@ -1,4 +1,4 @@
-"""Compensation: the commands that bring the TCP where it is wanted, tool, load and conditions included.
+"""Compensation: commands that bring the TCP to its targets, under the tool, load and conditions of each target.
 
 * exact: the inverse of the complete model, effects included (paper eq. 27, which it calls difficult).
 * first-order: the paper's approximation (eqs 29–33), with S_C at the actual tool.
@@ -31,8 +31,8 @@ class Commands:
     q: np.ndarray
     """(N, nq) [rad or m]; NaN where the status is not 'ok'."""
     status: np.ndarray
-    """(N,) 'ok', 'outside_workspace', 'outside_joint_range', 'unreachable', or 'not_converged' where the loads at the
-    target and the command do not settle."""
+    """(N,) 'ok', 'outside_workspace', 'outside_joint_range', 'unreachable', or 'not_converged' where the load iteration
+    does not converge."""
 
 
 def compensate(
@@ -80,7 +80,7 @@ def compensate(
 def exact(
     model: Model, position: np.ndarray, conditions: Conditions, rotation_matrix: np.ndarray | None = None
 ) -> Solution:
-    """IPR_C with all effects: the inverse of the closure, repeated until the effects at its answer settle."""
+    """IPR_C with all effects: the inverse of the closure, iterated until the effects at its solution converge."""
     mechanism = model.robot.mechanism
     if not model.effects:
         return kinematics.inverse(mechanism, model.k, position, rotation_matrix, conditions.tool)

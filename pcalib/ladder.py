@@ -20,33 +20,33 @@ from pcalib.wording import size
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Residuals against the variable that tells most about them, and the curve a candidate fits to them."""
+    """Residuals against the variable that explains most of them, and the curve that a candidate fits to them."""
 
     variable: str
     """What is on the axis, with its unit as people write it."""
     x: np.ndarray
     """(n,) in that unit."""
     residual: np.ndarray
-    """(n,) [σ] what the step leaves, in units of noise."""
+    """(n,) residuals of the step in units of the noise σ."""
     label: str
-    """What the residuals are of: 'actuator 2', 'rod 31'."""
+    """The part that the residuals belong to: 'actuator 2', 'rod 31'."""
     curve: np.ndarray | None = None
     """(c, 2) x and [σ]; None where nothing was fitted."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One explanation of what a step leaves, and how well the data speak for it."""
+    """One explanation of the residuals of a step, and how strongly the data support it."""
 
     name: str
     strength: float
-    """[σ] norm of what is visible of it at its fitted size."""
+    """Norm of its visible part at the fitted size, in units of the noise σ."""
     favoured: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One model on the way, and what it knows."""
+    """One model of the ladder, its fit, and what may explain its residuals."""
 
     name: str
     """Short and stable, for files: 'model24'."""
@@ -59,7 +59,7 @@ class Step:
     """What the step assumes and what it cannot see, in plain sentences."""
     fit: Fit | None = None
     candidates: tuple[Candidate, ...] = ()
-    """Explanations of what is left, the strongest first."""
+    """Explanations of the residuals, the strongest first."""
     scatter: Scatter | None = None
 
 
@@ -112,17 +112,17 @@ class ErrorMap:
 
 @dataclass(frozen=True, eq=False)
 class Ladder:
-    """Models and what each of them lands, tool by tool."""
+    """Models, and where the TCP lands under each of them, with every tool."""
 
     robot: Robot
     steps: tuple[Step, ...]
     maps: tuple[ErrorMap, ...]
     source: str = "measured"
-    """Who says where the TCP was: 'MuJoCo', 'predicted' …"""
+    """Origin of the reached positions: 'measured', 'MuJoCo', 'predicted' …"""
     floor: float = 0.0
-    """[m] what the instrument can resolve: a size to compare with; 0: not known."""
+    """[m] resolution of the instrument, for comparison; 0 if unknown."""
     truth: np.ndarray | None = field(default=None, repr=False)
-    """(nk,) true geometry, where a virtual robot tells it."""
+    """(nk,) true geometry of a virtual robot; None where it is unknown."""
 
     def __post_init__(self) -> None:
         if any(len(m.errors) != len(self.steps) for m in self.maps):

@@ -1,4 +1,4 @@
-"""A calibrated robot: geometry, effects and measuring frame, and the file that keeps them."""
+"""A calibrated robot: geometry, effects and measuring frame; :mod:`pcalib.modelfile` writes and reads its file."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ class Frame:
 
 @dataclass(frozen=True)
 class Conditions:
-    """Under what the robot stands at each of N poses, beside its command."""
+    """Tool, payload and recorded conditions of N poses."""
 
     tool: np.ndarray
     """(N, 3) [m] TCP in the plate frame."""
     payload: np.ndarray
     """(N,) [kg]."""
     columns: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(N,) each, SI, by quantity."""
+    """Further columns of the data, (N,) each [SI], by name without unit."""
 
     @classmethod
     def of(cls, n: int, tool: np.ndarray | Sequence[float] | float = 0.0) -> Conditions:
@@ -56,7 +56,7 @@ class Conditions:
         return cls(np.broadcast_to(np.asarray(tool, float), (n, 3)), np.zeros(n))
 
     def take(self, rows: np.ndarray | slice) -> Conditions:
-        """Some rows."""
+        """The conditions of some rows."""
         return Conditions(self.tool[rows], self.payload[rows], {c: v[rows] for c, v in self.columns.items()})
 
 
@@ -66,7 +66,7 @@ LOSSES = ("linear", "huber", "cauchy")
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How a fit is made, see :func:`pcalib.fitting.identification.fit`; a model keeps it, so that refits are alike."""
+    """Options of :func:`pcalib.fitting.identification.fit`; a model keeps them, so that a refit uses the same."""
 
     method: str = METHODS[0]
     loss: str = LOSSES[0]
@@ -78,7 +78,7 @@ class FitOptions:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """Parameters that it names, sorted."""
+        """Names of parameters in `fixed`, `bounds` and `prior`, sorted."""
         return tuple(sorted({*self.fixed, *self.bounds, *(p for p in self.prior if p not in ("m", "rad", "1"))}))
 
 

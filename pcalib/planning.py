@@ -78,7 +78,7 @@ class _Design:
         self.refresh([])
 
     def refresh(self, chosen: list[int]) -> None:
-        """Start from the definition; changes add up rounding."""
+        """Compute both from the definition, because updates accumulate rounding errors."""
         some = self.blocks[chosen].reshape(-1, self.blocks.shape[-1])
         self.inverse = np.linalg.inv(np.eye(self.blocks.shape[-1]) + some.T @ some)
         self.gram = self.blocks @ self.inverse @ np.swapaxes(self.blocks, -1, -2)
@@ -90,7 +90,7 @@ class _Design:
         return int(np.argmax(gain))
 
     def change(self, pick: int, sign: int) -> None:
-        """Take a candidate in (1) or out (−1), by the Woodbury identity."""
+        """Add (1) or remove (−1) a candidate, by the Woodbury identity."""
         K = self.inverse @ self.blocks[pick].T
         S = np.linalg.inv(sign * self.eye + self.blocks[pick] @ K)
         W = (self.flat @ K).reshape(self.gram.shape)
@@ -116,7 +116,7 @@ def plan(
     Args:
         tools: (T, 3) [m] tools at hand; each candidate pose is offered with each tool.
         sigma_pos, sigma_rot: [m], [rad] noise of the instrument.
-        measured: which of x, y, z, rx, ry, rz it measures.
+        measured: which of x, y, z, rx, ry, rz the instrument measures.
     """
     tools = np.zeros((1, 3)) if tools is None else np.atleast_2d(tools)
     found = reachable(robot, max(candidates, 3 * n), np.random.default_rng(seed))

@@ -36,17 +36,17 @@ class Prediction:
     """(N, 3) [m] measured point in the plate frame, target offset and tool effects included."""
     contribution: Contribution
     status: np.ndarray
-    """(N,) 'ok' or why not; 'not_converged' also where loads and pose do not settle."""
+    """(N,) 'ok' or the reason; 'not_converged' also where the load iteration does not converge."""
     situation: Situation | None = None
     """None where the model has no effects."""
     at: Closure | None = None
     """The closure about the plate's origin, where kinematics left it."""
     unsettled: np.ndarray | None = None
-    """(N,) bool: loops that close while loads and pose do not settle; None where all do."""
+    """(N,) bool: the loops close, but the load iteration does not converge; None if it converges everywhere."""
 
     @property
     def reached(self) -> np.ndarray:
-        """(N,) bool: the loops close there."""
+        """(N,) bool: poses at which the loops close."""
         ok = self.status == "ok"
         return ok if self.unsettled is None else ok | self.unsettled
 
@@ -57,10 +57,10 @@ class Prediction:
 
 
 FIXED_POINT = 1e-11
-"""[m, rad] poses that move less than this between two rounds of loads are settled."""
+"""Tolerance of the load iteration [m, rad]: the largest change of a pose coordinate in its last round."""
 ROUNDS = 20
-"""Of loads, then of kinematics. Compliances settle in three to six; what still moves goes round in circles: a gap that
-the load pushes shut from either side, and a rod that hangs between."""
+"""Largest number of load iterations. Compliances converge in three to six; what has not converged after twenty
+alternates between two poses, as a joint clearance does whose rod force changes sign with the pose."""
 
 
 def contributions(model: Model, at: Situation, solved: np.ndarray | None = None) -> Contribution:
@@ -80,8 +80,10 @@ def contributions(model: Model, at: Situation, solved: np.ndarray | None = None)
 def settle(
     model: Model, q: np.ndarray, conditions: Conditions, start: Pose | None = None, rounds: int = ROUNDS
 ) -> tuple[kinematics.Solution, Contribution, Situation | None]:
-    """Plate poses with all effects acting, by alternating kinematics and effects; not converged where these do not
-    settle."""
+    """Plate poses with all effects, by a fixed-point iteration between kinematics and effects.
+
+    The status is 'not_converged' where that iteration does not converge.
+    """
     mechanism = model.robot.mechanism
     solution = kinematics.forward(mechanism, model.k, q, start)
     if not model.effects:
@@ -105,7 +107,7 @@ def _change(a: Pose, b: Pose) -> np.ndarray:
 
 
 def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | None = None) -> Prediction:
-    """Readings that the model expects for commands q (N, nq)."""
+    """Readings that the model predicts for commands q (N, nq)."""
     solution, total, at = settle(model, q, conditions, start)
     frame = model.frame or Frame()
     tool = conditions.tool + frame.offset
@@ -206,7 +208,7 @@ def effect_columns(
 ) -> np.ndarray:
     """Derivative of the readings by effect parameters, (N, 6, len(parts)), from their unit contributions.
 
-    The loads are taken as they are: what they change when the pose changes is of second order.
+    Loads are held constant; their change with the pose is of second order.
     """
     if not parts:
         return np.zeros((len(p.q), 6, 0))

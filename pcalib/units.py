@@ -27,57 +27,34 @@ class Unit:
 _DEGREE = math.pi / 180.0
 UNITS: dict[str, Unit] = {
     suffix: Unit(suffix, dimension, factor)
-    for suffix, dimension, factor in [
-        ("um", "length", 1e-6),
-        ("mm", "length", 1e-3),
-        ("cm", "length", 1e-2),
-        ("m", "length", 1.0),
-        ("urad", "angle", 1e-6),
-        ("mrad", "angle", 1e-3),
-        ("arcmin", "angle", _DEGREE / 60),
-        ("arcsec", "angle", _DEGREE / 3600),
-        ("deg", "angle", _DEGREE),
-        ("rad", "angle", 1.0),
-        ("rev", "angle", 2 * math.pi),
-        ("g", "mass", 1e-3),
-        ("kg", "mass", 1.0),
-        ("degC", "temperature", 1.0),
-        ("s", "time", 1.0),
-        ("min", "time", 60.0),
-        ("h", "time", 3600.0),
-        ("m_s2", "acceleration", 1.0),
-        ("N", "force", 1.0),
-        ("Nm", "torque", 1.0),
-        ("N_um", "stiffness", 1e6),
-        ("N_mm", "stiffness", 1e3),
-        ("N_m", "stiffness", 1.0),
-        ("Nm_rad", "rotational_stiffness", 1.0),
-        ("kNm_rad", "rotational_stiffness", 1e3),
-        ("m_N", "compliance", 1.0),
-        ("um_N", "compliance", 1e-6),
-        ("mm_N", "compliance", 1e-3),
-        ("rad_Nm", "rotational_compliance", 1.0),
-        ("urad_Nm", "rotational_compliance", 1e-6),
-        ("mrad_Nm", "rotational_compliance", 1e-3),
-        ("rad_N", "tip_compliance", 1.0),
-        ("urad_N", "tip_compliance", 1e-6),
-        ("1_K", "expansion", 1.0),
-        ("ppm_K", "expansion", 1e-6),
-        ("rad_K", "angle_per_kelvin", 1.0),
-        ("urad_K", "angle_per_kelvin", 1e-6),
-        ("m_K", "length_per_kelvin", 1.0),
-        ("um_K", "length_per_kelvin", 1e-6),
-        ("ppm", "ratio", 1e-6),
-        ("m_s", "velocity", 1.0),
-        ("um_h", "velocity", 1e-6 / 3600),
-        ("mm_h", "velocity", 1e-3 / 3600),
-        ("rad_s", "angular_velocity", 1.0),
-        ("urad_h", "angular_velocity", 1e-6 / 3600),
-        ("per_rev", "count", 1.0),
-        ("mm_rev", "travel", 1e-3 / (2 * math.pi)),
-        ("m_rad", "travel", 1.0),
-    ]
-}
+    for dimension, factors in {
+        "length": {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0},
+        "angle": {
+            "urad": 1e-6, "mrad": 1e-3, "arcmin": _DEGREE / 60, "arcsec": _DEGREE / 3600, "deg": _DEGREE, "rad": 1.0,
+            "rev": 2 * math.pi,
+        },
+        "mass": {"g": 1e-3, "kg": 1.0},
+        "temperature": {"degC": 1.0},
+        "time": {"s": 1.0, "min": 60.0, "h": 3600.0},
+        "acceleration": {"m_s2": 1.0},
+        "force": {"N": 1.0},
+        "torque": {"Nm": 1.0},
+        "stiffness": {"N_um": 1e6, "N_mm": 1e3, "N_m": 1.0},
+        "rotational_stiffness": {"Nm_rad": 1.0, "kNm_rad": 1e3},
+        "compliance": {"m_N": 1.0, "um_N": 1e-6, "mm_N": 1e-3},
+        "rotational_compliance": {"rad_Nm": 1.0, "urad_Nm": 1e-6, "mrad_Nm": 1e-3},
+        "tip_compliance": {"rad_N": 1.0, "urad_N": 1e-6},
+        "expansion": {"1_K": 1.0, "ppm_K": 1e-6},
+        "angle_per_kelvin": {"rad_K": 1.0, "urad_K": 1e-6},
+        "length_per_kelvin": {"m_K": 1.0, "um_K": 1e-6},
+        "ratio": {"ppm": 1e-6},
+        "velocity": {"m_s": 1.0, "um_h": 1e-6 / 3600, "mm_h": 1e-3 / 3600},
+        "angular_velocity": {"rad_s": 1.0, "urad_h": 1e-6 / 3600},
+        "count": {"per_rev": 1.0},
+        "travel": {"mm_rev": 1e-3 / (2 * math.pi), "m_rad": 1.0},
+    }.items()
+    for suffix, factor in factors.items()
+}  # fmt: skip
 _BY_LENGTH = sorted(UNITS, key=len, reverse=True)
 
 
@@ -132,7 +109,7 @@ def resolve(names: list[str], wanted: dict[str, str], *, where: str = "key") -> 
 
 
 def factor(suffix: str) -> float:
-    """From a unit to SI; '1' is a pure number.
+    """Factor from a unit to SI; '1' is a pure number.
 
     Raises:
         InputError: no such unit.

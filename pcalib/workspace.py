@@ -13,9 +13,9 @@ from pcalib.mechanics.mechanism import Pose
 from pcalib.robot import Robot
 
 MARGIN = 0.01
-"""Share of the joint range kept free at either end, so that a corrected command stays inside as well."""
+"""Share of the joint range left free at either end, so that a compensated command is within it, too."""
 LARGEST = 200_000
-"""Points of a grid; more is a mistake in the spacing."""
+"""Largest number of points; a spacing that gives more is taken for a mistake."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class Candidates:
 
 
 def allowed(robot: Robot, q: np.ndarray, pose: Pose, status: np.ndarray) -> np.ndarray:
-    """Which poses close, keep to the joint range and lie in the workspace (of the plate's origin C)."""
+    """(N,) bool: the loops close, q is within the joint range and the plate's origin C within the workspace."""
     inside = (q >= robot.joint_min - 1e-12).all(axis=-1) & (q <= robot.joint_max + 1e-12).all(axis=-1)
     inside &= robot.workspace.contains(pose.x) & oriented(robot, pose.R)
     return (status == "ok") & inside
 
 
 def oriented(robot: Robot, R: np.ndarray) -> np.ndarray:
-    """(N,) bool, which rotations (N, 3, 3) keep to the tilt and yaw of the workspace, where they are commanded."""
+    """(N,) bool: rotations (N, 3, 3) within the tilt and yaw of the workspace, where commands prescribe them."""
     commanded = {3, 4, 5} & set(robot.mechanism.task)
     inside = np.ones(len(R), bool)
     if 5 in commanded:
@@ -104,7 +104,7 @@ def workspace_grid(robot: Robot, spacing: float | None = None) -> np.ndarray:
     if spacing is None:
         spacing = w.radius / (25 if len(uncommanded(robot)) == 2 else 5)
     if not 0 < spacing < np.inf:
-        raise InputError(f"a grid of {spacing:g} m makes no sense", remedy="give a positive distance")
+        raise InputError(f"a grid spacing of {spacing:g} m is not a positive length", remedy="give a positive length")
     across = np.linspace(-w.radius, w.radius, 2 * max(1, round(w.radius / spacing)) + 1)
     levels = np.linspace(w.z_min, w.z_max, max(2, round((w.z_max - w.z_min) / spacing) + 1))
     if len(across) ** 2 * len(levels) > LARGEST:

@@ -6,6 +6,7 @@ A file of this folder that defines ``EFFECT`` is an effect of that file's name; 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -42,8 +43,8 @@ def get(
     """An effect of the library, fitted to a robot.
 
     Args:
-        per: 'common', 'arm' or 'rod'; what the effect tries first when absent.
-        robot: whose arms and rods separate parameters are counted over; the Delta's when absent.
+        per: 'common', 'arm' or 'rod'; the first of the effect's variants when absent.
+        robot: gives the arms and rods for separate parameters; the Delta when absent.
         cycles: of gear_ripple, per turn; those of the robot file, else 24, when absent.
 
     Raises:
@@ -52,7 +53,7 @@ def get(
     kind = LIBRARY.get(name)
     places = Places() if robot is None else Places.of(robot.mechanism)
     options = {}
-    if kind.cycles:
+    if any(f.name == "cycles" for f in fields(kind)):
         wanted = cycles if cycles is not None else (robot.drive.get("ripple_per_turn") if robot is not None else None)
         if wanted is not None:
             options["cycles"] = tuple(int(n) for n in np.atleast_1d(wanted))

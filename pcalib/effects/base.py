@@ -1,4 +1,4 @@
-"""What an effect is: a physical cause that moves the TCP and that geometry alone does not know.
+"""What an effect is: a physical cause that moves the TCP and that the rigid geometry does not describe.
 
 An effect states its parameters, the data columns it needs, and what it adds for given parameter values. All solvers
 work with any combination of effects; derivatives come from the contribution itself (exact where it is linear).
@@ -30,7 +30,7 @@ class EffectParameter:
     unit: str
     """A spelling of `pcalib.units`; values in code are SI, files show this unit."""
     prior: float
-    """[SI] 1σ of what is usual, the scale of the parameter."""
+    """[SI] usual size (1σ), which scales the parameter."""
     low: float = -np.inf
     """[SI] physical range; a fitted value outside it is reported."""
     high: float = np.inf
@@ -38,7 +38,7 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class Situation:
-    """What an effect may look at, for N poses at the current model."""
+    """What an effect is computed from: the state of the robot at N poses under the current model."""
 
     robot: Robot
     q: np.ndarray
@@ -172,7 +172,7 @@ class Situation:
 
 @dataclass(frozen=True)
 class Contribution:
-    """What an effect adds; None is nothing. All small."""
+    """Small deviations that an effect adds, by channel; None means zero."""
 
     actuator: np.ndarray | None = None
     """(N, nq) [rad or m], true minus commanded actuator value."""

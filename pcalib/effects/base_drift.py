@@ -11,7 +11,7 @@ from pcalib.effects.library import LibraryEffect
 class BaseDrift(LibraryEffect):
     """x → exp(ω·t)·x + v·t, R → exp(ω·t)·R with constant rates v [m/s], ω [rad/s], t from the first row.
 
-    A creeping tracker is an exact alias. Tenths of a millimetre in two hours of warm-up are usual.
+    A tracker that creeps gives the same readings. Tenths of a millimetre in two hours of warm-up are usual.
     """
 
     title = "the base or the tracker creeps with time"

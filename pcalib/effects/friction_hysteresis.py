@@ -1,4 +1,4 @@
-"""Friction in loaded drives: the arm stops short of where its motor is, by the side it came from."""
+"""Friction in loaded drives: the arm stops short of its motor's position, on the side from which it came."""
 
 from __future__ import annotations
 

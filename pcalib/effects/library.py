@@ -22,7 +22,7 @@ from pcalib.wording import figure
 
 @dataclass(frozen=True)
 class Places:
-    """Arms and rods of a robot by name: what separate parameters are counted over."""
+    """Names of the arms and rods of a robot, which separate parameters are named after."""
 
     arms: tuple[str, ...] = ("q1", "q2", "q3")
     rods: tuple[str, ...] = ("11", "12", "21", "22", "31", "32")
@@ -41,7 +41,7 @@ class Places:
         )
 
     def members(self, per: str) -> tuple[str, ...]:
-        """Names of those that have parameters of their own."""
+        """Names of the arms or rods that have parameters of their own; one empty name for 'common'."""
         return {"common": ("",), "arm": self.arms, "rod": self.rods}[per]
 
 
@@ -124,6 +124,35 @@ class PlacedEffect(LibraryEffect):
         return out
 
 
+class Harmonic(PlacedEffect):
+    """δq_i = Σ_n A_n·sin nq_i + B_n·cos nq_i [rad], for n of `cycles` per turn of the actuator."""
+
+    channels = ("actuator",)
+
+    def unsuited(self, mechanism: Mechanism) -> str:
+        return "" if mechanism.actuator_dimension == "angle" else "its actuators do not turn"
+
+    def shapes(self, at: Situation) -> np.ndarray:
+        return np.concatenate([np.stack([np.sin(n * at.q), np.cos(n * at.q)]) for n in self.cycles])
+
+    def describe(self, theta: np.ndarray) -> str:
+        """Amplitude and phase of each (sine, cosine) pair, member by member."""
+        quantities, members = self.numbers(), self.places.members(self.per)
+        said = []
+        for n, (sines, cosines) in zip(self.cycles, np.reshape(theta, (len(self.cycles), 2, -1)), strict=True):
+            sizes, phases = np.hypot(sines, cosines), np.degrees(np.arctan2(cosines, sines))
+            each = [
+                f"{member} {self.say(quantities[0], size)} at {phase:.0f}°".lstrip()
+                for member, size, phase in zip(members, sizes, phases, strict=True)
+            ]
+            said.append(f"{self.prefix(n)}amplitude {', '.join(each)}")
+        return "; ".join(said)
+
+    def prefix(self, n: int) -> str:
+        """What stands before an amplitude of n cycles per turn."""
+        return ""
+
+
 def motor_axes(mechanism: Mechanism, k: np.ndarray) -> np.ndarray | None:
     """(nq, 3) unit directions of the motor axes where every actuator turns an arm; None on other robots."""
     if mechanism.actuator_dimension != "angle":
@@ -161,11 +190,6 @@ def unsuited_without_arms(mechanism: Mechanism) -> str:
     return "" if motor_axes(mechanism, mechanism.nominal) is not None else "its actuators turn no arms"
 
 
-def unsuited_without_angles(mechanism: Mechanism) -> str:
-    """For effects of encoders and gears that repeat with a turn."""
-    return "" if mechanism.actuator_dimension == "angle" else "its actuators do not turn"
-
-
 def stiffness(compliance: float, unit: str, part: str = "") -> str:
     """A compliance as the stiffness of a part that people know, in parentheses and with its unit."""
     if abs(compliance) < 1e-6 * units.factor(unit):
@@ -174,18 +198,3 @@ def stiffness(compliance: float, unit: str, part: str = "") -> str:
         return "(not physical)"
     value, shown = (1e-3, "kN·m/rad") if unit.endswith("_Nm") else (1e-6, "N/µm")
     return f"({f'{part} stiffness'.lstrip()} {figure(value / compliance)} {shown})"
-
-
-def harmonics(q: np.ndarray, cycles: tuple[int, ...]) -> np.ndarray:
-    """(2·len(cycles), N, nq): sin nq, cos nq for each n."""
-    return np.concatenate([np.stack([np.sin(n * q), np.cos(n * q)]) for n in cycles])
-
-
-def amplitude(theta: np.ndarray, names: tuple[str, ...], unit: str) -> str:
-    """Pairs (sine, cosine) as amplitude and phase; theta (2, members)."""
-    out = []
-    for name, sine, cosine in zip(names, theta[0], theta[1], strict=True):
-        size, phase = np.hypot(sine, cosine), np.degrees(np.arctan2(cosine, sine))
-        label = f"{name} " if name else ""
-        out.append(f"{label}{figure(size / units.factor(unit))} {units.spoken(unit)} at {phase:.0f}°")
-    return ", ".join(out)

@@ -1,4 +1,4 @@
-"""An instrument whose metre is not a metre."""
+"""A measuring instrument with a scale error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pcalib.effects.library import LibraryEffect
 class TrackerScale(LibraryEffect):
     """x_measured = (1 + κ)·x with κ dimensionless, x in the measuring frame; about 10 ppm.
 
-    A robot that is larger as a whole measures the same: without a length standard this is an exact alias.
+    A robot that is larger by the same ratio gives the same readings; only a length standard tells the two apart.
     """
 
     title = "the instrument's scale is off"

@@ -13,6 +13,7 @@ import numpy as np
 
 from pcalib import rotation
 from pcalib.kinds import Kind, azimuths, radius, size
+from pcalib.kinds.delta import trilaterate
 from pcalib.kinds.hexa import ARMS, arms, six_arms
 from pcalib.mechanics.layout import Block, Layout
 from pcalib.mechanics.mechanism import Mechanism, Pose
@@ -54,9 +55,9 @@ def _three_two_one(A: np.ndarray, length: np.ndarray, b: np.ndarray) -> Pose:
     """
     corner = np.stack([b[:3].mean(axis=0), b[3:5].mean(axis=0), b[5]])
     side = np.linalg.norm(corner - corner[[1, 2, 0]], axis=-1)  # 12, 23, 31
-    P1 = _trilaterate(A[:, 0], A[:, 1], A[:, 2], length[0], length[1], length[2])
-    P2 = _trilaterate(P1, A[:, 3], A[:, 4], side[0], length[3], length[4])
-    P3 = _trilaterate(P1, P2, A[:, 5], side[2], side[1], length[5])
+    P1 = trilaterate(A[:, 0], A[:, 1], A[:, 2], length[0], length[1], length[2])
+    P2 = trilaterate(P1, A[:, 3], A[:, 4], side[0], length[3], length[4])
+    P3 = trilaterate(P1, P2, A[:, 5], side[2], side[1], length[5])
     found = _triad(P1, P2, P3)
     R = found @ np.swapaxes(_triad(*(c[None] for c in corner)), -1, -2)
     x = P1 - (R @ corner[0])
@@ -69,22 +70,6 @@ def _triad(P1: np.ndarray, P2: np.ndarray, P3: np.ndarray) -> np.ndarray:
     n = rotation.cross(e, P3 - P1)
     n = n / np.linalg.norm(n, axis=-1, keepdims=True)
     return np.stack([e, rotation.cross(n, e), n], axis=-1)
-
-
-def _trilaterate(
-    c1: np.ndarray, c2: np.ndarray, c3: np.ndarray, r1: float, r2: float, r3: float
-) -> np.ndarray:
-    """The lower of the two points at distances r from three centres (N, 3), NaN where there is none."""
-    e, f = c2 - c1, c3 - c1
-    ee, ff, ef = np.sum(e * e, -1), np.sum(f * f, -1), np.sum(e * f, -1)
-    ge, gf = 0.5 * (ee + r1**2 - r2**2), 0.5 * (ff + r1**2 - r3**2)
-    det = ee * ff - ef * ef
-    foot = ((ge * ff - gf * ef) / det)[:, None] * e + ((gf * ee - ge * ef) / det)[:, None] * f
-    normal = rotation.cross(e, f) / np.sqrt(det)[:, None]
-    normal = normal * -np.sign(normal[:, 2:])
-    with np.errstate(invalid="ignore"):
-        height = np.sqrt(r1**2 - np.sum(foot * foot, axis=-1))
-    return c1 + foot + height[:, None] * normal
 
 
 KIND = Kind(

@@ -28,14 +28,14 @@ TOLERANCE = 1e-14
 CLOSED = 1e-9
 """[m] closure error up to which the loops count as closed."""
 TOGETHER = 6
-"""Newton steps of a whole batch; the few poses that need more go on alone."""
+"""Newton steps of the whole batch; afterwards only the poses that have not converged are iterated."""
 SINGULAR = 1e12
 """A pose is singular where J⁻¹ has entries beyond this [m or rad of motion per metre of closure error]."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Poses and actuator values that a solver found."""
+    """Poses and actuator values from a solver, with a status per pose."""
 
     q: np.ndarray
     """(N, nq) actuator values [rad or m]."""
@@ -46,7 +46,7 @@ class Solution:
     residual: np.ndarray
     """(N,) [m], largest closure error."""
     at: Closure | None = None
-    """The closure there, about the plate's origin; None where poses were solved in several goes."""
+    """The closure at these poses about the plate's origin; None where rows were joined or replaced."""
 
     @property
     def ok(self) -> np.ndarray:
@@ -55,11 +55,11 @@ class Solution:
 
     @property
     def unsettled(self) -> np.ndarray:
-        """(N,) bool: not converged though the loops close, for the loads there move the pose again and again."""
+        """(N,) bool: the loops close, but the iteration between loads and pose does not converge."""
         return (self.status == "not_converged") & (self.residual <= CLOSED)
 
     def settling(self, moved: np.ndarray, most: float) -> Solution:
-        """The same, not converged where the last round of loads moved it (N,) by more than `most` [m, rad]."""
+        """This solution, 'not_converged' where the last load iteration moved it (N,) by more than `most` [m, rad]."""
         return replace(self, status=np.where(self.ok & (moved > most), "not_converged", self.status))
 
     def take(self, rows: np.ndarray) -> Solution:
@@ -67,7 +67,7 @@ class Solution:
         return Solution(self.q[rows], self.pose.take(rows), self.status[rows], self.iterations, self.residual[rows])
 
     def put(self, rows: np.ndarray, later: Solution) -> Solution:
-        """This solution with some rows replaced by those of one that went on from here."""
+        """This solution with some rows replaced by those of a later one."""
 
         def merged(mine: np.ndarray, theirs: np.ndarray) -> np.ndarray:
             out = mine.copy()
@@ -109,7 +109,7 @@ def move(mechanism: Mechanism, pose: Pose, step: np.ndarray) -> Pose:
 
 
 def _limited(step: np.ndarray, largest: float = 0.5) -> np.ndarray:
-    """Newton steps shortened to `largest` (m, rad): far starts creep instead of jumping branch."""
+    """Newton steps of at most `largest` [m, rad], so that a far start does not jump to another branch."""
     size = np.abs(step)
     if size.max(initial=0.0) <= largest:
         return step
@@ -118,7 +118,7 @@ def _limited(step: np.ndarray, largest: float = 0.5) -> np.ndarray:
 
 
 def _regular(A: np.ndarray) -> np.ndarray:
-    """(N,) bool: not exactly singular. A pose that does not exist, and so has no numbers, is nobody's warning."""
+    """(N,) bool: which matrices are not exactly singular; no warning is raised for NaN, of poses that do not exist."""
     with np.errstate(invalid="ignore"):
         return np.linalg.det(A) != 0
 
@@ -149,7 +149,7 @@ def invert(A: np.ndarray) -> np.ndarray:
 
 
 def _worst(at: Closure) -> float:
-    """[m] the largest closure error of all poses that have one."""
+    """Largest closure error of all poses [m]; poses that are NaN are ignored."""
     return float(np.fmax.reduce(np.abs(at.f), axis=None, initial=0.0))
 
 
@@ -236,7 +236,7 @@ def forward(
 
 
 def _upright(mechanism: Mechanism, R: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Cosine of how far the plate has turned from `reference` in directions that no command asks for, (N,)."""
+    """Cosine (N,) of the plate's rotation from `reference` about the axes that no command prescribes."""
     commanded = {3, 4, 5} & set(mechanism.task)
     if {3, 4} <= commanded:
         return np.ones(len(R))

@@ -15,7 +15,7 @@ from pcalib.mechanics.mechanism import Level
 AXES = "xyz"
 AS_DRAWN = "Every dimension is as drawn."
 EVERYTHING = "Every dimension for itself."
-"""What the levels say that all kinds have."""
+"""Texts of the two levels that every kind has."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pcalib.mechanics.mechanism import BaseSide, Hinge, Mechanism, Pose
 
 @dataclass(frozen=True)
 class Deviation:
-    """What effects add to a rigid mechanism, per pose; None is nothing."""
+    """Small deviations of each pose from the rigid mechanism, which effects cause; None means zero."""
 
     actuator: np.ndarray | None = None
     """(N, nq) [rad or m], true minus commanded."""
@@ -37,7 +37,7 @@ RIGID = Deviation()
 
 @dataclass(frozen=True)
 class Closure:
-    """The closure at N poses and what every Jacobian needs of it."""
+    """The closure at N poses, with the quantities that its Jacobians are made of."""
 
     f: np.ndarray
     """(N, m) [m], apparent rod-length errors."""
