@@ -47,10 +47,11 @@ def shown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[list[st
 
 def sentence(found: Record) -> str:
     """The figures that matter most."""
-    worst = int(np.nanargmax(found.poses.ap))
+    ap, rp = found.poses.ap, found.poses.rp
+    worst = int(np.nanargmax(ap))
     return (
-        f"Pose accuracy AP is {small(float(np.nanmax(found.poses.ap)), 'm')} at worst (pose P{worst + 1}), "
-        f"repeatability RP {small(float(np.nanmax(found.poses.rp)), 'm')}; RMS over all cycles {small(found.poses.rms, 'm')}."
+        f"Pose accuracy AP is {small(float(ap[worst]), 'm')} at worst (pose P{worst + 1}), repeatability RP "
+        f"{small(float(np.nanmax(rp)), 'm')}; RMS over all cycles {small(found.poses.rms, 'm')}."
     )
 
 
