@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pcalib import robot
+from pcalib import inspection, robot
 from pcalib.cli import main
-from pcalib.data import inspection, measurement, targets
+from pcalib.data import measurement, targets
 from pcalib.errors import InputError
 
 MODELS = Path(__file__).resolve().parents[1] / "models"

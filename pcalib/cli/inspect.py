@@ -24,8 +24,9 @@ def command(data: Path, /, *, robot: Path | None = None, json: JsonOption = None
         data: Measurement file, CSV or Parquet.
         robot: Robot file (TOML).
     """
+    from pcalib import inspection
     from pcalib import robot as robots
-    from pcalib.data import inspection, measurement
+    from pcalib.data import measurement
 
     described = robots.load(robot) if robot is not None else None
     result = inspection.inspect(measurement.load(data, described), described)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pcalib import rotation, units
 from pcalib.data import columns as cols
 from pcalib.data import instrument as instruments
-from pcalib.data import plausibility
+from pcalib.data import orientation, plausibility
 from pcalib.data import sigma as sigmas
 from pcalib.data import table as tables
 from pcalib.data.columns import Columns
@@ -27,7 +27,6 @@ from pcalib.errors import InputError
 from pcalib.robot import Robot
 
 FRAMES = ("base", "tracker")
-QUATERNION = ("qw", "qx", "qy", "qz")
 _UNIT = {"length": "mm", "angle": "deg", "mass": "kg", "temperature": "degC", "time": "s"}
 
 
@@ -73,6 +72,9 @@ class Measurements:
     """(N, 6, 6) correlation of each row's readings; None where they are independent."""
     instrument: Instrument | None = None
     """What the file states of the instrument beyond σ per component; `sigma` and `correlation` hold it already."""
+    written: np.ndarray | None = None
+    """(N, 3) [rad] or (N, 4) the numbers of rx ry rz or qw qx qy qz as the file has them, so that another reading of
+    them can be tried; None where there are none, or where the rotations were made in memory."""
 
     def __len__(self) -> int:
         return len(self.q)
@@ -136,7 +138,7 @@ class Measurements:
             check=np.zeros(n, bool) if check is None else np.array(check, bool),
             sigma=sigma, stated=stated, lines=np.arange(1, n + 1), frame=frame, robot_name=robot.name,
             actuators=robot.mechanism.actuators, actuator_dimension=robot.mechanism.actuator_dimension, source=source,
-            correlation=correlation, instrument=instrument,
+            correlation=correlation, instrument=instrument, written=written,
         )  # fmt: skip
 
     def take(self, rows: np.ndarray | slice) -> Measurements:
@@ -148,6 +150,7 @@ class Measurements:
             columns={name: values[rows] for name, values in self.columns.items()},
             notes={name: values[rows] for name, values in self.notes.items()},
             correlation=None if self.correlation is None else self.correlation[rows],
+            written=None if self.written is None else self.written[rows],
         )
 
     @property
@@ -190,11 +193,11 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     """
     table = tables.read(path)
     names, dimension = cols.actuators(table, robot)
-    plain = (*QUATERNION, *(f"dir{i + 1}" for i in range(len(names))), "pose_id", "set")
+    plain = (*orientation.QUATERNION, *(f"dir{i + 1}" for i in range(len(names))), "pose_id", "set")
     wanted = dict.fromkeys(names, dimension) | cols.POSITION | cols.ROTATION | cols.CONDITIONS | sigmas.KEYS
     columns = cols.assign(table, wanted, plain, len(names))
     cols.require(columns, dict.fromkeys(names, dimension), "it holds the commanded actuator values")
-    said = cols.metadata(table, sigmas.KEYS, ("frame", "robot"), instruments.KEYS)
+    said = cols.metadata(table, sigmas.KEYS, ("frame", "robot", "euler"), instruments.KEYS)
     frame = said.get("frame", "base")
     if frame not in FRAMES:
         raise InputError(
@@ -204,7 +207,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
 
     q = columns.matrix(names)
     position = _position(columns, robot)
-    turn = _rotation(columns, robot)
+    turn, written = orientation.read(columns, robot, said.get("euler"))
     mask = _mask(position, turn)
     tool = cols.tool(columns)
     numeric, text = cols.conditions(columns, len(names))
@@ -224,7 +227,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
         tool=point, payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
         sigma=sigma, stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
-        correlation=correlation, instrument=instrument,
+        correlation=correlation, instrument=instrument, written=written,
     )  # fmt: skip
 
 
@@ -299,50 +302,6 @@ def _position(columns: Columns, robot: Robot | None) -> np.ndarray:
     cols.require(columns, needed, "it holds the measured position, blank where not measured")
     nothing = np.full(len(columns.table), np.nan)
     return np.stack([columns.si(c, blank=True) if c in columns else nothing for c in cols.POSITION], axis=1)
-
-
-def _rotation(columns: Columns, robot: Robot | None) -> np.ndarray:
-    """(N, 3, 3) from a rotation vector or a quaternion; NaN in rows that have none."""
-    table = columns.table
-    vector = [c for c in cols.ROTATION if c in columns]
-    quaternion = [c for c in QUATERNION if c in columns]
-    out = np.full((len(table), 3, 3), np.nan)
-    if vector and quaternion:
-        raise table.error("rotation is given twice: as rx ry rz and as a quaternion", remedy="keep one of them")
-    if quaternion:
-        cols.require(columns, dict.fromkeys(QUATERNION, ""), "a quaternion needs qw, qx, qy and qz")
-        values = columns.matrix(QUATERNION, blank=True)
-    elif vector:
-        free = (3, 4, 5) if robot is None else robot.mechanism.plate_dofs
-        needed = {name: "angle" for i, name in enumerate(cols.ROTATION, 3) if i in free}
-        cols.require(columns, needed, "a rotation vector needs all of its components")
-        zero = np.zeros(len(table))
-        values = np.stack([columns.si(c, blank=True) if c in columns else zero for c in cols.ROTATION], axis=1)
-        vector = list(needed) or vector
-    else:
-        return out
-    used = quaternion or vector
-    blank = np.stack([table.blank(columns.name(c)) for c in used], axis=1)
-    half = blank.any(axis=1) & ~blank.all(axis=1)
-    if half.any():
-        row = int(np.argmax(half))
-        name = columns.name(used[int(np.argmax(blank[row]))])
-        remedy = "give all of its components or leave all blank"
-        raise table.error("the rotation is given in part", row=row, column=name, remedy=remedy)
-    given = ~blank.any(axis=1)
-    if not quaternion:
-        out[given] = rotation.exp(values[given])
-        return out
-    length = np.linalg.norm(values, axis=1)
-    odd = given & (np.abs(length - 1) > 1e-3)
-    if odd.any():
-        row = int(np.argmax(odd))
-        raise table.error(
-            f"the quaternion has length {length[row]:.6g}, not 1", row=row, column="qw",
-            remedy="check the order qw qx qy qz and that all four belong to one rotation",
-        )
-    out[given] = rotation.from_quaternion(values[given] / length[given, None])
-    return out
 
 
 def pose_ids(table: Table) -> np.ndarray:

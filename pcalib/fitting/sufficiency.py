@@ -11,7 +11,7 @@ import numpy as np
 from pcalib import prediction
 from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
-from pcalib.fitting import linearisation
+from pcalib.fitting import linearisation, mixups
 from pcalib.fitting.identifiability import THRESHOLD, project_out
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.model import Frame, Model
@@ -59,20 +59,15 @@ def require_order(error: np.ndarray, data: Measurements, robot: Robot) -> None:
     Args:
         error: (N, 6) residuals of the nominal robot, or of a calibrated one.
     """
-    from pcalib.data import mixups
-
     length, turn = (np.linalg.norm(e[~np.isnan(e).any(axis=1)], axis=1) for e in (error[:, :3], error[:, 3:]))
     if not len(length) or (
         np.median(length) < mixups.LARGE and not (len(turn) and np.median(turn) > mixups.LARGE_TURN)
     ):
         return
-    found = mixups.compare(data, robot)
-    if found.explanations:
+    found = mixups.judge(data, robot)
+    if found.readings:
         raise InputError(
-            f"the data are {found.distance} from the nominal robot, and fit it where "
-            f"{' or where '.join(found.explanations)}",
-            file=data.source,
-            remedy="correct the columns, or check the robot file ('pcalib inspect' says more)",
+            mixups.sentence(found, mixups.compare(data, robot)), file=data.source, remedy=mixups.remedy(found)
         )
 
 

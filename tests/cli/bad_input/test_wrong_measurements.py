@@ -69,7 +69,7 @@ DAMAGE: dict[str, tuple[Callable[[Sheet], object], str]] = {
     "given twice in other units": (lambda s: s.also("x_m", "0"), r":5: 'x' is given twice"),
     "radians named degrees": (lambda s: s.scale(Q, np.pi / 180), "q1, q2, q3 are in radians, not degrees"),
     "degrees named radians": (lambda s: s.scale(Q, 1, "rad"), r":6: column 'q1_rad'.*outside the joint range"),
-    "rotations in degrees named radians": (lambda s: s.scale("r[xyz]", 40, "rad"), "rotation is in degrees"),
+    "rotations in degrees named radians": (lambda s: s.scale("r[xyz]", 1, "rad"), "rotation is in degrees"),
     "metres named millimetres": (lambda s: s.scale(X, 1e-3), r":6: .*\n  the values look like m: name the columns x_m"),
     "millimetres named metres": (lambda s: s.scale(X, 1, "m"), r":6: .*\n  the values look like mm: name the columns"),
     "actuators swapped": (lambda s: s.name(q1_deg="q2_deg", q2_deg="q1_deg"), "q1 is what stands in q2"),

@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.data import findings, mixups, replicates
+from pcalib import findings
+from pcalib.data import replicates
 from pcalib.data.columns import TEMPERATURES
-from pcalib.data.findings import Finding, is_direction, span, verified
 from pcalib.data.measurement import Measurements
-from pcalib.data.mixups import Nominal
 from pcalib.data.replicates import Noise
+from pcalib.findings import Finding, is_direction, span, verified
+from pcalib.fitting import mixups
+from pcalib.fitting.mixups import Nominal
 from pcalib.robot import Robot
 
 SCHEMA = "pcalib.inspect/1"
@@ -34,7 +36,11 @@ class Inspection:
 
     def to_json(self) -> dict[str, Any]:
         """Schema pcalib.inspect/1."""
-        return {"schema": SCHEMA, **self.facts, "findings": [vars(f) for f in self.findings]}
+        return {
+            "schema": SCHEMA,
+            **self.facts,
+            "findings": [{**vars(f), "names": sorted(f.names)} for f in self.findings],
+        }
 
 
 def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
@@ -49,8 +55,8 @@ def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
         *findings.noise_level(data, noise),
         *findings.values(data, robot),
     ]
-    if nominal is not None:
-        found += findings.against_nominal(data, nominal)
+    if nominal is not None and robot is not None:
+        found += findings.against_nominal(data, nominal, mixups.judge(data, robot))
     order = ("error", "warning", "note")
     return Inspection(facts, tuple(sorted(found, key=lambda f: order.index(f.level))))
 

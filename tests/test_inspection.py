@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import planning, robot, rotation
+from pcalib import inspection, planning, robot, rotation
 from pcalib.cli.frame import plain
-from pcalib.data import inspection
 from pcalib.data.measurement import Measurements
 from pcalib.mechanics import kinematics
 
-DELTA = robot.load(Path(__file__).resolve().parents[2] / "models" / "delta.toml")
+DELTA = robot.load(Path(__file__).resolve().parents[1] / "models" / "delta.toml")
 
 
 def good(**changes) -> Measurements:

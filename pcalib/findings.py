@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib import wording
-from pcalib.data import mixups
 from pcalib.data.columns import TEMPERATURES
 from pcalib.data.measurement import Measurements
-from pcalib.data.mixups import Nominal
 from pcalib.data.replicates import Noise, groups
+from pcalib.fitting import mixups
+from pcalib.fitting.mixups import Judgement, Nominal
 from pcalib.robot import Robot
 
 ENOUGH_DOF = 20
@@ -31,7 +31,9 @@ class Finding:
     """Stable name, for programs."""
     message: str
     remedy: str = ""
-    """Of an error: what to do about it."""
+    """What to do about it, where that is more than the message says."""
+    names: frozenset[str] = frozenset()
+    """Codes of the misreadings that a finding names."""
 
 
 def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
@@ -262,28 +264,25 @@ def copies(data: Measurements) -> np.ndarray:
     return out
 
 
-def against_nominal(data: Measurements, nominal: Nominal) -> Iterator[Finding]:
-    """Mix-ups that the nominal robot shows."""
+def against_nominal(data: Measurements, nominal: Nominal, judged: Judgement) -> Iterator[Finding]:
+    """Mix-ups that the robot as drawn shows."""
     if len(nominal.unreachable):
         where = _lines(data, nominal.unreachable)
-        beyond = f"The nominal robot cannot take the command of {where}."
-        yield Finding("warning", "unreachable", beyond)
-    if np.isnan(nominal.rms):
-        return
-    if nominal.explanations:
-        yield Finding(
-            "error", "swapped_columns",
-            f"The data are {nominal.distance} from the nominal robot, and would fit if "
-            + ", or if ".join(nominal.explanations[:3]) + ".",
-            "Correct the columns, or check the robot file.",
-        )  # fmt: skip
-    elif data.frame == "base" and nominal.rms > mixups.LARGE and nominal.aligned_rms < mixups.GAIN * nominal.rms:
+        yield Finding("warning", "unreachable", f"The nominal robot cannot take the command of {where}.")
+    said = f"{mixups.sentence(judged, nominal)}."
+    if judged.readings:
+        yield Finding("error", "swapped_columns", said, f"{mixups.remedy(judged)}.", judged.codes)
+    elif judged.numbers:
+        yield Finding("warning", "far_number", said, f"{mixups.remedy(judged)}.", judged.codes)
+    elif judged.frame:
         yield Finding(
             "warning", "not_aligned",
             f"Positions are {nominal.rms * 1e3:.3g} mm rms from the nominal robot, {nominal.aligned_rms * 1e3:.3g} mm "
             "when the measuring frame is moved: if it is not aligned with the base, write '# frame = tracker'.",
         )  # fmt: skip
-    else:
+    elif judged.tried and judged.far:
+        yield Finding("warning", "far_from_drawing", said, f"{mixups.remedy(judged)}.")
+    elif len(nominal.error):
         typical = float(np.median(nominal.error))
         limit = max(8 * typical, mixups.LARGE)
         far = nominal.error > limit

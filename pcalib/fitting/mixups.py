@@ -1,0 +1,366 @@
+"""What was mixed up in a measurement or a robot file, found by trying every other reading of it.
+
+A quick fit (:mod:`pcalib.fitting.drawing`) says how far the data are from the robot as drawn. Where that is far, each
+entry of the table of misreadings and each single number (the zero or scale of a drive, a dimension of the robot file)
+is tried by the same fit; what brings the data home is named, with the edit that mends it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import kinds, wording
+from pcalib.data import misreadings
+from pcalib.data.measurement import Measurements
+from pcalib.errors import PcalibError
+from pcalib.fitting import drawing
+from pcalib.fitting.drawing import FAR, Distance
+from pcalib.mechanics import kinematics
+from pcalib.robot import Robot
+
+ROWS = 200
+"""Rows that are compared with the nominal robot."""
+LARGE = 5e-3
+"""[m] RMS from the nominal robot below which nothing is suspected without a quick fit."""
+LARGE_TURN = np.radians(3.0)
+"""[rad] median turn from the nominal robot below which nothing is suspected without a quick fit."""
+GAIN = 0.25
+"""A reading that explains the data must bring the quick fit's cost below this share."""
+ALIKE = 12.0
+"""Difference of cost up to which two readings explain the data alike: a likelihood ratio of 400."""
+OFF = 5.0
+"""Times σ that a quick fit leaves over, from which on other readings are tried: physics that a model lacks leaves
+less on most machines, and a reading must bring the data home to be named in any case."""
+SMALL = 0.3
+"""Residuals over their σ below which on the values themselves are doubted: no σ is stated three times too large, and
+values in a unit fifty times too large are."""
+_ROUGH = 0.06
+"""Share of the robot's size, and 5 times LARGE_TURN, beyond which the nominal robot is not near under a reading."""
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """How the data compare with the robot as drawn, without any fit but that of the measuring frame."""
+
+    rms: float
+    """[m] RMS position error of complete positions, after registration where the frame is a tracker's; NaN: none."""
+    rows: np.ndarray
+    """(n,) the rows behind it."""
+    error: np.ndarray
+    """(n,) [m] error of each."""
+    unreachable: np.ndarray
+    """Rows whose command the nominal robot cannot take."""
+    aligned_rms: float
+    """[m] RMS after the best rigid registration of the measuring frame."""
+    turn: float = np.nan
+    """[rad] median turn of the plate from the nominal robot, base frame only; NaN: none."""
+
+    @property
+    def distance(self) -> str:
+        """How far the data are from the nominal robot, in words; '' where that cannot be said."""
+        turned = f"{np.rad2deg(self.turn):.3g}° (median)" if self.turn > LARGE_TURN else ""
+        moved = f"{self.rms * 1e3:.3g} mm (RMS)" if self.rms > LARGE or not turned else ""
+        return " and ".join(filter(None, (moved, turned))) if self.rms == self.rms else ""
+
+    @property
+    def far(self) -> bool:
+        """Whether the data are further from the nominal robot than careful manufacture leaves."""
+        typical = float(np.median(self.error)) if len(self.error) else 0.0
+        return typical > LARGE or self.turn > LARGE_TURN
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Whether data and robot belong together as they are written."""
+
+    distance: Distance | None
+    """Of the data as they are read; None where no quick fit is possible."""
+    readings: tuple[tuple[str, str, str], ...] = ()
+    """(code, words, edit) of what brings the data home, best first."""
+    numbers: tuple[tuple[str, str, str], ...] = ()
+    """The same of single numbers that are far from the drawing."""
+    frame: bool = False
+    """Whether the data come home once the measuring frame is unknown: '# frame = tracker'."""
+    tried: bool = False
+    """Whether other readings were tried."""
+
+    @property
+    def far(self) -> bool:
+        """Whether the data are far from the drawing as they are read."""
+        return self.distance is None or not self.distance.near
+
+    @property
+    def codes(self) -> frozenset[str]:
+        """Codes of all that is named."""
+        return frozenset(code for code, *_ in (*self.readings, *self.numbers))
+
+
+SHOWN = 3
+"""Readings that are named where several explain the data alike."""
+
+
+def sentence(found: Judgement, nominal: Nominal) -> str:
+    """What a judgement says of the data, for a message; '' where there is nothing to say."""
+    away = f" ({nominal.distance} from the robot as drawn)" if nominal.far and nominal.distance else ""
+    if found.readings:
+        words = [words for _, words, _ in found.readings[:SHOWN]]
+        more = len(found.readings) - len(words)
+        return (
+            f"The data fit this robot{away and ', from which they are far as they stand,'} where "
+            + ", or where ".join(words)
+            + (f" ({more} more readings explain them alike)" if more else "")
+        )
+    if found.numbers:
+        return f"Far from the drawing{away}: " + ", or ".join(words for _, words, _ in found.numbers[:SHOWN])
+    if found.frame:
+        return f"The data fit this robot{away} once the measuring frame is unknown"
+    if found.far:
+        return f"The data are far from the drawing{away}, and no reading of the columns explains it"
+    return ""
+
+
+def remedy(found: Judgement) -> str:
+    """The edit that mends it."""
+    edits = [edit for *_, edit in (found.readings or found.numbers)[:SHOWN]]
+    if edits:
+        return ", or ".join(dict.fromkeys(edits))
+    if found.frame:
+        return "write '# frame = tracker' above the header"
+    return "check that robot file and measurements are of the same robot, and each command's row is its measurement's"
+
+
+def compare(data: Measurements, robot: Robot) -> Nominal:
+    """Compare the data with the nominal robot."""
+    full = np.flatnonzero(data.mask[:, :3].all(axis=1))
+    full = full[np.linspace(0, len(full) - 1, min(len(full), ROWS)).astype(int)] if len(full) else full
+    nothing = np.zeros(0, int)
+    if len(full) < (4 if data.frame == "tracker" else 1):
+        return Nominal(np.nan, nothing, np.zeros(0), nothing, np.nan)
+    some = data.take(full)
+    solution = kinematics.forward(robot.mechanism, robot.mechanism.nominal, some.q)
+    ok, pose = solution.ok, solution.pose
+    unreachable = full[~ok]
+    if ok.sum() < 4:
+        return Nominal(np.nan, nothing, np.zeros(0), unreachable, np.nan)
+    point = pose.tcp(some.tool)[ok]
+    error = _error(point, some.position[ok], data.frame)
+    turn = np.zeros(0)
+    if data.frame == "base":
+        turn = np.arccos(np.clip((np.einsum("nij,nij->n", some.rotation[ok], pose.R[ok]) - 1) / 2, -1, 1))
+        turn = turn[~np.isnan(turn)]
+    return Nominal(
+        _rms(error), full[ok], error, unreachable, _rms(_error(point, some.position[ok], "tracker")),
+        float(np.median(turn)) if len(turn) else np.nan,
+    )  # fmt: skip
+
+
+def judge(data: Measurements, robot: Robot, *, always: bool = False) -> Judgement:
+    """Whether the data belong to the robot as they are read, and if not, what brings them home.
+
+    Args:
+        always: try every other reading, even where nothing is suspicious.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):  # drawings that no robot can have are tried too
+        return _judge(_without_far_rows(drawing.some_rows(data), robot), robot, always)
+
+
+def _judge(some: Measurements, robot: Robot, always: bool) -> Judgement:
+    if len(some) < 4:
+        return Judgement(None)
+    here = drawing.distance(some, robot)
+    if not (always or _suspicious(here)):
+        return Judgement(here)
+    readings = tuple((m.code, m.words, m.edit) for m in _readings(some, robot, here))
+    if readings:
+        return Judgement(here, readings, tried=True)
+    if here is not None and here.near:
+        return Judgement(here, tried=True)
+    numbers = tuple(_numbers(some, robot, here))
+    frame = (
+        not numbers and some.frame == "base" and _home(drawing.distance(replace(some, frame="tracker"), robot), here)
+    )
+    return Judgement(here, (), numbers, frame, tried=True)
+
+
+def _suspicious(here: Distance | None) -> bool:
+    if here is None or not here.near or here.misfit > OFF**2 * here.readings:
+        return True
+    enough = here.readings > 1.5 * here.parameters
+    return enough and bool(here.ratio_pos < SMALL or here.ratio_rot < SMALL)
+
+
+def _readings(data: Measurements, robot: Robot, here: Distance | None) -> list[misreadings.Misreading]:
+    """Entries of the table that bring the data home, best first."""
+    found: list[tuple[float, misreadings.Misreading]] = []
+    for entry in misreadings.table(data, robot):
+        try:
+            read, drawn = entry.mend(data, robot)
+            near = _roughly(read, drawn)
+        except PcalibError:  # dimensions that no robot can have
+            continue
+        there = drawing.distance(read, drawn) if near else None
+        if there is None or not there.near:
+            continue
+        group, factor = entry.stretch
+        columns = {"": slice(0, 0), "position": slice(0, 3), "rotation": slice(3, 6)}[group]
+        shrunk = 2 * int(data.mask[:, columns].sum()) * np.log(factor)  # a density has the unit of what it is of
+        if _home(there, here, shrunk):
+            found.append((there.cost - shrunk, entry))
+    best = min((cost for cost, _ in found), default=0.0)
+    return [entry for cost, entry in found if cost < best + max(ALIKE, 0.5 * abs(best))]
+
+
+def _home(there: Distance | None, here: Distance | None, shrunk: float = 0.0) -> bool:
+    """Whether another reading explains what this one does not."""
+    if there is None or not there.near:
+        return False
+    if here is None:
+        return True
+    if shrunk > 0 and not there.misfit > OFF**2 * there.readings and here.cost - there.cost + shrunk > ALIKE:
+        small = here.ratio_pos < SMALL or here.ratio_rot < SMALL
+        if small:
+            return True
+    return there.cost < GAIN * here.cost and here.cost - there.cost + min(shrunk, 0.0) > 4 * ALIKE
+
+
+def _roughly(data: Measurements, robot: Robot) -> bool:
+    """Whether the nominal robot is anywhere near: spares most quick fits."""
+    model = drawing.start(data, robot)
+    if model is None:
+        return False
+    error = model[2][0]
+    place, turn = (np.linalg.norm(e[~np.isnan(e).any(axis=1)], axis=1) for e in (error[:, :3], error[:, 3:]))
+    size = _size(robot)
+    far = (len(place) > 0 and np.median(place) > _ROUGH * size) or (len(turn) > 0 and np.median(turn) > 5 * LARGE_TURN)
+    return not far
+
+
+def _size(robot: Robot) -> float:
+    """[m] the largest length of the drawing."""
+    mechanism = robot.mechanism
+    return float(np.abs(mechanism.nominal[np.array(mechanism.units) == "m"]).max())
+
+
+@dataclass(frozen=True)
+class _Number:
+    code: str
+    words: Callable[[np.ndarray], str]
+    edit: Callable[[np.ndarray], str]
+    units: tuple[str, ...]
+    change: drawing.Change
+
+
+def _numbers(data: Measurements, robot: Robot, here: Distance | None) -> Iterator[tuple[str, str, str]]:
+    """Single numbers that are far from the drawing and whose change brings the data home, best first."""
+    found = []
+    for number in _candidates(data, robot):
+        alpha = drawing.search(data, robot, number.units, number.change)
+        if alpha is None:
+            continue
+        tolerances = np.abs(alpha) / [drawing.PRIOR[unit] for unit in number.units]
+        there = drawing.distance(*number.change(data, robot, alpha))
+        if there is None or not there.near or tolerances.max() < FAR:
+            continue
+        if here is None or here.cost - there.cost > ALIKE:
+            found.append((there.cost + ALIKE * len(alpha), number, alpha))
+    best = min((cost for cost, *_ in found), default=0.0)
+    for cost, number, alpha in sorted(found, key=lambda f: f[0]):
+        if cost < best + ALIKE:
+            yield number.code, number.words(alpha), number.edit(alpha)
+
+
+def _candidates(data: Measurements, robot: Robot) -> Iterator[_Number]:
+    mechanism, n = robot.mechanism, len(data.actuators)
+    unit = "rad" if mechanism.actuator_dimension == "angle" else "m"
+    for i, name in enumerate(data.actuators):
+        one = np.arange(n) == i
+        yield _Number(
+            "drive_zero", lambda a, i=i: f"the zero of drive {i + 1} is off by {_signed(a[0], unit)}",
+            lambda a, name=name: f"home it anew, or add {_signed(a[0], unit)} to {name}", (unit,),
+            lambda d, r, a, one=one: (replace(d, q=d.q + a[0] * one), r),
+        )  # fmt: skip
+        yield _Number(
+            "drive_scale", lambda a, i=i: f"drive {i + 1} moves {1 + a[0]:.5g} times as far as commanded",
+            lambda a, name=name: f"multiply {name} by {1 + a[0]:.5g}, or check its steps per turn", ("1",),
+            lambda d, r, a, one=one: (replace(d, q=d.q * (1 + a[0] * one)), r),
+        )  # fmt: skip
+    yield _Number(
+        "drive_zero", lambda a: f"the zeros of all drives are off by {_signed(a[0], unit)}",
+        lambda a: f"add {_signed(a[0], unit)} to every command", (unit,),
+        lambda d, r, a: (replace(d, q=d.q + a[0]), r),
+    )  # fmt: skip
+    yield _Number(
+        "drive_scale", lambda a: f"all drives move {1 + a[0]:.5g} times as far as commanded",
+        lambda a: f"multiply every command by {1 + a[0]:.5g}, or check the unit", ("1",),
+        lambda d, r, a: (replace(d, q=d.q * (1 + a[0])), r),
+    )  # fmt: skip
+    lengths = [
+        key for key, dimension in kinds.get(robot.kind).dimensions.items()
+        if dimension == "length" and np.ndim(robot.dimensions.get(key, [])) == 0
+    ]  # fmt: skip
+    for key in lengths:
+
+        def words(a: np.ndarray, key: str = key) -> str:
+            longer = "larger" if a[0] > 0 else "smaller"
+            said = f"{key.replace('_', ' ')} is {wording.size(abs(a[0]))} {longer} than in the robot file"
+            now, drawn = robot.dimensions[key] + a[0], robot.dimensions[key]
+            return f"{said} ({wording.size(now)} instead of {wording.size(drawn)})"
+
+        def edit(a: np.ndarray, key: str = key) -> str:
+            needed = 1e3 * (robot.dimensions[key] + a[0])
+            return f"is this the robot file of this robot? it would need {key}_mm = {needed:.5g}"
+
+        def change(d: Measurements, r: Robot, a: np.ndarray, key: str = key) -> tuple[Measurements, Robot]:
+            return d, replace(r, dimensions={**r.dimensions, key: r.dimensions[key] + a[0]})
+
+        yield _Number("dimension", words, edit, ("m",), change)
+    yield _Number(
+        "position_zero", lambda a: f"z is counted from another height ({_signed(a[0], 'm')})",
+        lambda a: f"add {_signed(a[0], 'm')} to z, or write '# frame = tracker'", ("m",),
+        lambda d, r, a: (replace(d, position=d.position + a[0] * np.array([0.0, 0.0, 1.0])), r),
+    )  # fmt: skip
+    if len(lengths) > 1:
+
+        def every(d: Measurements, r: Robot, a: np.ndarray) -> tuple[Measurements, Robot]:
+            return d, replace(
+                r, dimensions={**r.dimensions, **{k: r.dimensions[k] + v for k, v in zip(lengths, a, strict=True)}}
+            )
+
+        def values(a: np.ndarray) -> str:
+            return ", ".join(f"{k}_mm = {1e3 * (robot.dimensions[k] + v):.5g}" for k, v in zip(lengths, a, strict=True))
+
+        yield _Number(
+            "other_robot", lambda a: f"the robot has other dimensions than the robot file: {values(a)}",
+            lambda a: "is this the robot file of this robot?", ("m",) * len(lengths), every,
+        )  # fmt: skip
+
+
+def _signed(value: float, unit: str) -> str:
+    said = f"{np.degrees(value):+.2f}°" if unit == "rad" else f"{1e3 * value:+.2f} mm"
+    return said.replace("-", "−")
+
+
+def _without_far_rows(data: Measurements, robot: Robot) -> Measurements:
+    """The data without a few rows that are far off where most are near: they are named by themselves."""
+    found = compare(data, robot)
+    if not len(found.error) or found.far:
+        return data
+    far = found.rows[found.error > max(8 * float(np.median(found.error)), LARGE)]
+    return data.take(np.setdiff1d(np.arange(len(data)), far)) if len(far) < 0.2 * len(data) else data
+
+
+def _error(point: np.ndarray, position: np.ndarray, frame: str) -> np.ndarray:
+    """(N,) [m] distances; in a tracker's frame after the best rigid registration (Kabsch)."""
+    if frame == "base":
+        return np.linalg.norm(position - point, axis=1)
+    a, b = point - point.mean(axis=0), position - position.mean(axis=0)
+    u, _, vt = np.linalg.svd(a.T @ b)
+    turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    return np.linalg.norm(b - a @ turn, axis=1)
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
