@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from pcalib import robot as robots
-from pcalib import rotation
+from pcalib import rotation, workspace
 from pcalib.data import misreadings
 from pcalib.data.measurement import Measurements
 from pcalib.fitting import mixups
-from pcalib.mechanics import kinematics, workspace
+from pcalib.mechanics import kinematics
 from pcalib.robot import Robot
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
@@ -68,7 +68,7 @@ def right_file(robot: Robot, rng: np.random.Generator, frame: str = "base", full
 
 
 def misread(kind: str, seed: int = 0, every: int = 1) -> Iterator[Trial]:
-    """The entries of the table, or one of so many, each fed with a right file as someone with that mistake writes it."""
+    """The entries of the table, or one of so many, each with a right file as someone with that mistake writes it."""
     robot = robots.load(MODELS / f"{kind}.toml")
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode())])
     data = right_file(robot, rng)

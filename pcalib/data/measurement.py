@@ -138,7 +138,7 @@ class Measurements:
             check=np.zeros(n, bool) if check is None else np.array(check, bool),
             sigma=sigma, stated=stated, lines=np.arange(1, n + 1), frame=frame, robot_name=robot.name,
             actuators=robot.mechanism.actuators, actuator_dimension=robot.mechanism.actuator_dimension, source=source,
-            correlation=correlation, instrument=instrument, written=written,
+            correlation=correlation, instrument=instrument,
         )  # fmt: skip
 
     def take(self, rows: np.ndarray | slice) -> Measurements:

@@ -47,7 +47,7 @@ class Misreading:
 
 def table(data: Measurements, robot: Robot) -> list[Misreading]:
     """All entries that such data of such a robot allow, the simplest first."""
-    q, angle = data.actuators, data.actuator_dimension == "angle"
+    q, angle = list(data.actuators), data.actuator_dimension == "angle"
     all_q = ", ".join(q) if len(q) < 5 else f"{q[0]} … {q[-1]}"
     low, high = robot.joint_range
     turn = np.pi / 2
@@ -150,9 +150,9 @@ def _tools(data: Measurements) -> Iterator[Misreading]:
 
 
 def _robots(robot: Robot) -> Iterator[Misreading]:
-    schema = kinds.get(robot.kind).dimensions
-    lengths = [k for k, d in schema.items() if d == "length" and k in robot.dimensions and np.ndim(robot.dimensions[k]) == 0]
-    azimuths = [k[:-2] for k, d in schema.items() if k.endswith("azimuth[]") and k[:-2] in robot.dimensions]
+    settings = [s for s in kinds.get(robot.kind).dimensions if s.name in robot.dimensions]
+    lengths = [s.name for s in settings if s.dimension == "length" and not s.count]
+    azimuths = [s.name for s in settings if s.name.endswith("azimuth")]
     for a, b in combinations(lengths, 2):
         if robot.dimensions[a] != robot.dimensions[b]:
             words = f"the robot file's {_said(a)} and {_said(b)} are exchanged"
@@ -181,7 +181,7 @@ def _robots(robot: Robot) -> Iterator[Misreading]:
             a = np.radians(degrees)
             forth, back = (_dimensions(lambda d, k=k, a=s * a: {k: np.asarray(d[k]) + a}) for s in (1, -1))
             yield Misreading("azimuth_zero", f"the robot file's {_said(k)} counts from a direction {degrees:+g}° off", f"add {degrees:g}° to {k}", forth, back)
-    every = [k.removesuffix("[]") for k, d in schema.items() if d == "length"]
+    every = [s.name for s in settings if s.dimension == "length"]
     for words, f in (("a tenth of what they should be", 10.0), ("ten times what they should be", 0.1), ("in inches", 25.4)):
         forth, back = (_dimensions(lambda d, f=g: {k: f * d[k] for k in every if k in d}) for g in (f, 1 / f))
         yield Misreading("robot_unit", f"the robot file's lengths are {words}", "correct the units of [geometry]", forth, back)
@@ -189,7 +189,10 @@ def _robots(robot: Robot) -> Iterator[Misreading]:
 
 def commands(code: str, words: str, edit: str, mend: Callable, spoil: Callable) -> Misreading:
     """Commands (N, nq) read another way."""
-    return Misreading(code, words, edit, *(lambda d, r, f=f: (replace(d, q=f(d.q)), r) for f in (mend, spoil)))
+    def change(f: Callable) -> Change:
+        return lambda data, robot: (replace(data, q=f(data.q)), robot)
+
+    return Misreading(code, words, edit, change(mend), change(spoil))
 
 
 def positions(code: str, words: str, edit: str, M: np.ndarray) -> Misreading:
@@ -277,7 +280,10 @@ def quaternions(code: str, words: str, edit: str, order: Sequence[int]) -> Misre
 
 def tools(code: str, words: str, edit: str, mend: Callable, spoil: Callable) -> Misreading:
     """Tools (N, 3) read another way."""
-    return Misreading(code, words, edit, *(lambda d, r, f=f: (replace(d, tool=f(d.tool)), r) for f in (mend, spoil)))
+    def change(f: Callable) -> Change:
+        return lambda data, robot: (replace(data, tool=f(data.tool)), robot)
+
+    return Misreading(code, words, edit, change(mend), change(spoil))
 
 
 def _written(f: Callable[[np.ndarray], np.ndarray]) -> Change:

@@ -297,10 +297,8 @@ def _candidates(data: Measurements, robot: Robot) -> Iterator[_Number]:
         lambda a: f"multiply every command by {1 + a[0]:.5g}, or check the unit", ("1",),
         lambda d, r, a: (replace(d, q=d.q * (1 + a[0])), r),
     )  # fmt: skip
-    lengths = [
-        key for key, dimension in kinds.get(robot.kind).dimensions.items()
-        if dimension == "length" and np.ndim(robot.dimensions.get(key, [])) == 0
-    ]  # fmt: skip
+    lengths = [s.name for s in kinds.get(robot.kind).dimensions if s.dimension == "length" and not s.count]
+    lengths = [key for key in lengths if key in robot.dimensions]
     for key in lengths:
 
         def words(a: np.ndarray, key: str = key) -> str:

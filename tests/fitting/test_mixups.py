@@ -55,7 +55,8 @@ def test_every_way_to_misread_has_an_inverse(kind):
     for entry in misreadings.table(data, loaded):
         back, drawn = entry.mend(*entry.spoil(data, loaded))
         if entry.code == "position_not_tcp":  # the same readings, told without the tool
-            back = replace(back, position=back.position + (back.rotation @ data.tool[..., None])[..., 0], tool=data.tool)
+            there = back.position + (back.rotation @ data.tool[..., None])[..., 0]
+            back = replace(back, position=there, tool=data.tool)
         for name in ("q", "position", "rotation"):
             np.testing.assert_allclose(getattr(back, name), getattr(data, name), atol=1e-9, err_msg=entry.words)
         np.testing.assert_array_equal(back.mask, data.mask)
