@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import kinds, wording
+from pcalib import kinds, rotation, wording
 from pcalib.data import misreadings
 from pcalib.data.measurement import Measurements
 from pcalib.errors import PcalibError
@@ -355,9 +355,7 @@ def _error(point: np.ndarray, position: np.ndarray, frame: str) -> np.ndarray:
     if frame == "base":
         return np.linalg.norm(position - point, axis=1)
     a, b = point - point.mean(axis=0), position - position.mean(axis=0)
-    u, _, vt = np.linalg.svd(a.T @ b)
-    turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
-    return np.linalg.norm(b - a @ turn, axis=1)
+    return np.linalg.norm(b - a @ rotation.laying(a, b).T, axis=1)
 
 
 def _rms(error: np.ndarray) -> float:
