@@ -24,7 +24,7 @@ ARM, ROD, BALL, FRAME, PLATE = (
     [0.95, 0.46, 0.10, 1], [0.72, 0.75, 0.79, 1], [0.20, 0.22, 0.26, 1], [0.30, 0.33, 0.38, 1], [0.16, 0.50, 0.80, 1],
 )  # fmt: skip
 _LEAST = 1e-9
-"""[kg, kg·m²] what a moving body needs of mass and inertia where the robot file gives none."""
+"""[kg, kg·m²] Mass and inertia of a moving body whose mass the robot file does not give; MuJoCo needs some."""
 
 
 def skeleton(robot: Robot) -> mujoco.MjSpec:
@@ -71,14 +71,14 @@ def body(
 
 
 def draw(parent: mujoco.MjsBody, kind: Any, size: Sequence[float], rgba: Sequence[float], **more: Any) -> None:
-    """A shape without mass or contact."""
+    """Draw a shape that has no mass and makes no contact."""
     parent.add_geom(type=kind, size=list(size), rgba=list(rgba), mass=0.0, contype=0, conaffinity=0, group=1, **more)
 
 
 def bar(
     parent: mujoco.MjsBody, start: Point, end: Point, radius: float, rgba: Sequence[float]
 ) -> None:
-    """A drawn capsule between two points."""
+    """Draw a capsule between two points."""
     draw(parent, mujoco.mjtGeom.mjGEOM_CAPSULE, [radius, 0, 0], rgba, fromto=[*start, *end])
 
 

@@ -29,7 +29,7 @@ VARIANT = "tendons"
 CHUNK = 1000
 """Poses per call of MuJoCo."""
 MAX_ITERATIONS = 12
-"""A start near the pose needs 3; what takes longer than this is walked to."""
+"""Newton steps from a start near the pose: 3 are usual. A pose that needs more than this is given to a `Machine`."""
 
 
 POSITION = int(mujoco.mjtStage.mjSTAGE_POS)  # type: ignore[attr-defined]
@@ -39,7 +39,7 @@ Near = tuple[np.ndarray, np.ndarray]
 
 
 def possible(robot: Robot) -> bool:
-    """Whether the bench has a model of this robot that can be closed in batches."""
+    """Whether this robot has a MuJoCo model whose loops can be closed for many poses at once."""
     return VARIANT in kinds.get(robot.kind).variants
 
 
@@ -114,7 +114,7 @@ class BatchMachine:
         """Carry out commands; a status per row, nothing is raised for a pose that cannot be reached.
 
         Args:
-            miss: (N, nq) [rad or m] by which the drives fail to repeat themselves.
+            miss: (N, nq) [rad or m], repeatability errors of the drives.
             near: where Newton starts, home when absent. It changes how long that takes, and the result by no more
                 than rounding.
         """

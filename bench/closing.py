@@ -28,7 +28,7 @@ class Closed:
     """How a Newton run ended; the pose itself stands in the MjData."""
 
     residual: float
-    """[m] norm of the loop errors, no smaller than the largest of them; NaN where the iteration left the numbers."""
+    """[m] Norm of the loop errors; NaN if the iteration overflowed."""
     iterations: int
     orientation: float
     """Sign of det J of the free joints: it changes across singular poses and so marks the assembly mode."""

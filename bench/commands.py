@@ -94,11 +94,11 @@ class Commands:
         return Commands(self.q[rows], self.tool[rows], self.payload[rows], columns, self.index[rows])
 
     def remembering(self, columns: Mapping[str, np.ndarray]) -> Commands:
-        """The commands with further columns, those that they have already left as they are."""
+        """The commands with further columns; columns that they have already stay as they are."""
         return replace(self, columns={**columns, **self.columns}) if columns else self
 
     def need(self, columns: tuple[str, ...], who: str) -> None:
-        """Assert that columns are there and hold numbers.
+        """Check that columns are present and hold numbers.
 
         Raises:
             InputError: names the absent column and what to add.

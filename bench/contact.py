@@ -16,7 +16,8 @@ from bench.reach import reach
 from bench.truth import Truth
 
 STEPS = 4
-"""Corrections of the height; each leaves the share by which nominal and true robot differ, a thousandth or so."""
+"""Corrections of the height. Nominal and true robot differ by about a thousandth, so each correction leaves about a
+thousandth of the miss before it."""
 
 
 def lowered(truth: Truth, commands: Commands, seed: int) -> Commands:

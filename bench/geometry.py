@@ -49,11 +49,11 @@ class Place:
 
 @dataclass(frozen=True)
 class _Values:
-    """What the places of one sort read out of k."""
+    """What the places of one sort take from the parameter vector k."""
 
     columns: np.ndarray
     factors: np.ndarray
-    """0 where a coordinate is none."""
+    """Factor of each coordinate; 0 if no parameter belongs to it."""
 
     def of(self, k: np.ndarray) -> np.ndarray:
         return self.factors * k[self.columns]

@@ -36,7 +36,7 @@ DRAWN = (
 )
 STREAM = 0x6E0
 LARGEST_ERROR = 1.0
-"""[m, rad, 1] the largest error of one parameter: far beyond what leaves a robot that can be assembled."""
+"""[m, rad, 1] Largest accepted error of one parameter; a robot with such an error can no longer be assembled."""
 _DIMENSIONS = {"m": "length", "rad": "angle", "1": "ratio"}
 
 

@@ -37,7 +37,7 @@ class LogScale:
         return cls(10.0**low, 10.0 ** max(high, low + 1))
 
     def share(self, values: np.ndarray) -> np.ndarray:
-        """Where values stand between low (0) and high (1); NaN stays NaN."""
+        """Position of values on the scale, from 0 at `low` to 1 at `high`; NaN stays NaN."""
         with np.errstate(divide="ignore", invalid="ignore"):
             at = (np.log10(values) - math.log10(self.low)) / (math.log10(self.high) - math.log10(self.low))
         return np.clip(at, 0.0, 1.0)

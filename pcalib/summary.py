@@ -10,7 +10,7 @@ from pcalib import units, wording
 from pcalib.fitting.identification import Accuracy, Fit
 
 _OVERSTATED = 0.5
-"""χ² per degree of freedom below which σ is doubted."""
+"""χ² per degree of freedom below which the stated σ is called too large."""
 
 
 def _micro(value: float) -> float | None:
@@ -149,7 +149,7 @@ def headline(fit: Fit) -> str:
 
 
 def largest_changes(fit: Fit, count: int = 6) -> list[tuple[str, str, str, str]]:
-    """The geometric unknowns that left nominal by most of their σ: name, change, σ, ratio, as text."""
+    """The geometric unknowns that changed most in units of their σ: name, change, σ, ratio, as text."""
     g = fit.unknowns.n_geometry
     if g == 0:
         return []

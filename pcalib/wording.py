@@ -20,19 +20,19 @@ def deviation(value: float, unit: str, sign: str = "-") -> str:
 
 
 def figure(value: float, digits: int = 3, sign: str = "-") -> str:
-    """A number of so many significant digits, written out up to a million: '2970', and not '2.97e+03'."""
+    """A number with the given count of significant digits, without exponent up to a million: '2970', not '2.97e+03'."""
     text = f"{value:{sign}.{digits}g}"
     return f"{float(text):{sign}.0f}" if "e+" in text and abs(value) < 1e6 else text
 
 
 def small(value: float, unit: str, digits: int = 3) -> str:
-    """So many digits of a small 'm' or 'rad' [SI], in µ or, from a thousand of those on, in m: '2.97 mrad'."""
+    """A small length or angle [SI] with the given count of digits, in µm or µrad, or mm or mrad."""
     large = abs(value) >= 0.9995e-3
     return f"{figure(value * (1e3 if large else 1e6), digits)} {'m' if large else 'µ'}{unit}"
 
 
 def size(metres: float) -> str:
-    """An error: µm, or mm from 1 mm on; '–' where there is none."""
+    """An error [m] in µm, or in mm from 1 mm; '–' if it is NaN."""
     if not np.isfinite(metres):
         return "–"
     micro = metres * 1e6
@@ -44,7 +44,7 @@ def size(metres: float) -> str:
 
 
 def angle(radians: float) -> str:
-    """A small rotation: µrad, or mrad from 10 mrad on; '–' where there is none."""
+    """A small rotation [rad] in µrad, or in mrad from 10 mrad; '–' if it is NaN."""
     if not np.isfinite(radians):
         return "–"
     micro = radians * 1e6
@@ -57,19 +57,19 @@ def round_size(metres: float) -> str:
 
 
 def number(value: float, digits: int, sign: str = "-") -> str:
-    """A number with a true minus sign, and none before zero; '–' where there is none."""
+    """A number with a typographic minus sign, without a sign before zero; '–' if it is not finite."""
     if not np.isfinite(value):
         return "–"
     return f"{round(value, digits) + 0.0:{sign}.{digits}f}".replace("-", "−")
 
 
 def short(text: str, most: int) -> str:
-    """Text cut to so many characters, where there is no room for more."""
+    """The text, cut to the given count of characters."""
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def clipped(text: str, most: int) -> str:
-    """A list of sizes cut to so many characters, behind a whole one."""
+    """A list of sizes, cut behind a whole entry to at most the given count of characters."""
     if len(text) <= most:
         return text
     end = max(text.rfind(mark, 0, most - 1) for mark in (", ", "; "))

@@ -57,7 +57,7 @@ class Noise:
     SETTINGS: ClassVar[tuple[Setting, ...]] = ()
     """Its own numbers, beside those that every instrument has."""
     BESIDE: ClassVar[tuple[bool, bool]] = (True, True)
-    """Whether a file that describes the instrument states σ of positions, and σ of rotations, besides."""
+    """Whether a data file that describes the instrument also states σ of positions, and σ of rotations."""
 
     def __init__(self, values: Mapping[str, Any]):
         self.values = values
@@ -67,7 +67,7 @@ class Noise:
         raise NotImplementedError
 
     def covariance(self, scene: Scene) -> np.ndarray:
-        """(N, 6, 6) covariance of one row's errors, whatever they share with other rows."""
+        """(N, 6, 6), covariance of the errors within each row; correlation between rows is not part of it."""
         raise NotImplementedError
 
     def stated(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -78,7 +78,7 @@ class Noise:
         return np.full(n, np.sqrt(variance[:3].mean())), np.full(n, np.sqrt(variance[3:].mean()))
 
     def description(self, scene: Scene) -> Instrument | None:
-        """What a data file can state of the instrument, from which the covariance follows; None where σ says all."""
+        """What a data file states of the instrument, so that the covariance follows; None if σ says all."""
         return None
 
 

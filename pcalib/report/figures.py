@@ -1,4 +1,4 @@
-"""Figures as SVG that lives inside a page: its text and lines take the page's colours, light or dark."""
+"""Figures as SVG inside a page. Text and lines take the colours of the page, which may be light or dark."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 INK, QUIET, RULE, PAPER = "#010203", "#040506", "#070809", "#0a0b0c"
-"""Stand-ins that become the page's own colours."""
+"""Placeholder colours; `_inline` replaces them by the colours of the page."""
 _VARIABLES = {INK: "var(--ink)", QUIET: "var(--quiet)", RULE: "var(--rule)", PAPER: "var(--paper)"}
 _STYLE: Any = {
     "svg.fonttype": "none", "svg.hashsalt": "pcalib", "font.size": 10, "font.family": "sans-serif",
@@ -48,7 +48,7 @@ def drawing(width: float, height: float) -> Iterator[tuple[Drawing, list[str]]]:
 
 
 def _inline(svg: str) -> str:
-    """Only the drawing: no prologue, addresses or names that another figure could have too."""
+    """The drawing alone, without prologue, links and identifiers, which other figures of the page may have too."""
     svg = svg[svg.index("<svg") :].strip()
     svg = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", svg)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)

@@ -116,7 +116,7 @@ def write(path: str | Path, page: Page) -> None:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what computes here, for a page's provenance."""
+    """Versions of pcalib, NumPy, SciPy and Python, and the machine, for a page's provenance."""
     import platform
     from importlib import metadata
 

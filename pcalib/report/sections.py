@@ -1,4 +1,4 @@
-"""Sections that a calibration has to show: its ladder, error maps, parameters and what the data cannot tell."""
+"""Sections of a calibration report: the ladder, error maps, parameters, and what the data cannot identify."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def ladder(what: Ladder) -> Section:
 
 
 def error_maps(what: Ladder, steps: Sequence[int] | None = None) -> Section:
-    """Where in the workspace the error is, with the tool that suffered most, before and after."""
+    """The error over the workspace before and after calibration, with the tool that had the largest error."""
     if steps is None:
         steps = sorted({0, len(what.steps) - 1})
     field = what.maps[what.worst_tool]
@@ -59,7 +59,7 @@ def error_maps(what: Ladder, steps: Sequence[int] | None = None) -> Section:
 
 
 def parameters(fit: Fit, truth: np.ndarray | None = None) -> Section:
-    """Every geometric parameter with its σ, and how much of that the data say.
+    """Every geometric parameter with its σ, and whether the data or the prior determine it.
 
     Args:
         truth: (nk,) true values, where a virtual robot tells them.
@@ -118,7 +118,7 @@ def _combined(fit: Fit) -> Table | None:
 
 
 def unidentifiable(fit: Fit) -> Section:
-    """What these data cannot tell, and from what."""
+    """Parameters that these data cannot identify, each with the parameters it cannot be separated from."""
     rows = [
         (name, _mix(main) + (f" and {rest} lesser terms" * (rest > 0)) if main else "nothing: it leaves no trace")
         for name, (main, rest) in fit.identifiability.companions().items()
@@ -138,7 +138,7 @@ def unidentifiable(fit: Fit) -> Section:
 
 
 def _mix(terms: Mapping[str, float]) -> str:
-    """A sum as people write it: 0.5·a11.y − p1.z."""
+    """A linear combination in the usual notation: 0.5·a11.y − p1.z."""
     parts = []
     for name, value in terms.items():
         factor = f"{abs(value):.2g}"
@@ -148,7 +148,7 @@ def _mix(terms: Mapping[str, float]) -> str:
 
 
 def warnings(fits: Sequence[tuple[str, Fit]]) -> Section | None:
-    """What fits warn of, each under the name of its step; None where there is nothing."""
+    """Warnings of the fits, each under the name of its step; None if there are none."""
     items = [f"{label}: {text}" for label, fit in fits for text in fit.warnings]
     return Section("To be looked at", [Bullets(items, "warning")]) if items else None
 

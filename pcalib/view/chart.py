@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 GRID, TEXT = (52, 58, 68), (160, 168, 180)
 LABEL_DROP = 4.0
-"""Scene units by which the viewer hangs a label below its point."""
+"""Distance [scene units] at which the viewer draws a label below its point."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,12 @@ def text(
     drop: float = LABEL_DROP,
     static: bool = True,
 ) -> None:
-    """Words centred at places (n, 2); `drop` is how far the viewer hangs them below, in scene units."""
+    """Draw labels centred at points (n, 2); `drop` [scene units] is how far the viewer draws them below."""
     rec.log(path, labels(np.asarray(at, float) - [0.0, drop], words, colour), static=static)
 
 
 def labels(at: np.ndarray, words: Sequence[str], colour: Any = TEXT) -> Any:
-    """Words below places (n, 2), with nothing else there."""
+    """Draw labels below points (n, 2), without drawing the points."""
     rr = sdk()
     words = list(words)
     return rr.Points2D(at, labels=words, show_labels=bool(words), colors=colour, radii=rr.Radius.ui_points(0.01))

@@ -1,4 +1,4 @@
-"""A recording of one model: what the robot as drawn would miss by, as the model predicts it."""
+"""A recording of one model: by how much the nominal robot would miss its targets, as the model predicts it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pcalib.model import Model
 from pcalib.prediction import Conditions
 
 _ROUNDING = 1e-9
-"""[m] What is less is none: a model's own commands miss by rounding alone."""
+"""[m] Smaller misses are shown as zero: the model's own commands miss by rounding alone."""
 
 
 def predicted(
     model: Model, tools: Sequence[np.ndarray] = (), payload: float = 0.0, effect_files: Sequence[str] = ()
 ) -> Ladder:
-    """What commands of the drawing, of each earlier step of the model's history and of the model itself miss by.
+    """Predicted misses of the commands of the nominal robot, of each step of the model's history and of the model.
 
     Effects that need further columns are seen at 20 °C, without direction of motion and at time zero.
 
@@ -61,7 +61,7 @@ def _one_digit(value: float) -> float:
 
 
 def _neutral(model: Model, n: int, tool: np.ndarray, payload: float) -> Conditions:
-    """Conditions under which only load acts: every column that an effect needs at its reference value."""
+    """Conditions in which only loads act: every column that an effect needs has its reference value."""
     needed = {name for f in model.effects for name in f.effect.needs}
     columns = {name: np.full(n, 20.0 if name.startswith("temp") else 0.0) for name in needed}
     return Conditions(np.broadcast_to(tool, (n, 3)), np.full(n, payload), columns)

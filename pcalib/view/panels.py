@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     import rerun as rr
 
 LEAST = 5.0
-"""[σ] that bars of candidates have room for at least: what noise makes is drawn short."""
+"""[σ] The axis of the candidates' bars reaches at least this far, so that bars as long as noise look short."""
 DIM, NOW = (120, 128, 140), (150, 158, 172)
 CANDIDATE_MARGIN = (44.0, 8.0, 11.0, 3.0)
 LADDER_BOUNDS = SCATTER_BOUNDS = chart.Axes((0, 1), (0, 1)).bounds
 CANDIDATE_BOUNDS = chart.Axes((0, 1), (0, 1), margin=CANDIDATE_MARGIN).bounds
-"""What views have to show of the plots drawn here."""
+"""Bounds that the views of these plots have to show."""
 
 
 def tool_path(index: int, field: ErrorMap) -> str:
-    """Entity path of a tool's part of a recording: 'tool_300_mm'."""
+    """Entity path under which a tool's data stand in a recording, such as 'tool_300_mm'."""
     return re.sub(r"[^A-Za-z0-9.]+", "_", field.label).strip("_") + (f"_{index}" if "(" in field.label else "")
 
 
 def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str] = ()) -> None:
-    """One page of markdown per step: its name, figures, what it assumes, and `texts` of the caller."""
+    """Log one page of markdown per step: its name, its figures, its assumptions, and the caller's `texts`."""
     rr = sdk()
     for s, step in enumerate(ladder.steps):
         lines = [f"### {s} · {_plain(step.label)}", "", _plain(step.text), ""]
@@ -213,7 +213,7 @@ def draw_scatter(rec: rr.RecordingStream, path: str, steps: Sequence[Step]) -> N
 
 
 def draw_candidates(rec: rr.RecordingStream, path: str, steps: Sequence[Step], most: int = 8) -> None:
-    """What could explain the rest, as bars, the strongest on top."""
+    """Draw the candidates for what the step leaves unexplained as bars, the strongest on top."""
     rr = sdk()
     strengths = [c.strength for s in steps for c in s.candidates]
     if not strengths:
@@ -243,5 +243,5 @@ _SPECIAL: Mapping[int, str] = {ord(c): f"\\{c}" for c in "\\`*_{}[]<>#|!$~"}
 
 
 def _plain(text: str) -> str:
-    """Text that markdown shows as it stands."""
+    """The text with markdown's special characters escaped."""
     return " ".join(text.split()).translate(_SPECIAL)

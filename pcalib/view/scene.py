@@ -38,7 +38,7 @@ class Style:
 
     @classmethod
     def of(cls, ladder: Ladder, size: float) -> Style:
-        """The scale, 1, 2 or 5 times a power of ten, on which large errors look as long as targets are apart."""
+        """The gain, 1, 2 or 5 times a power of ten, that draws large errors as long as targets are apart."""
         errors = np.concatenate([m.distance.ravel() for m in ladder.maps]) if ladder.maps else np.zeros(0)
         errors = errors[np.isfinite(errors) & (errors > 0)]
         large = float(np.quantile(errors, 0.995)) if len(errors) else 1e-3

@@ -1,6 +1,7 @@
 """What a robot looks like, from its own anchor points: works for any mechanism, and knows none by name.
 
-How an anchor moves tells what carries it: on a circle an arm, on a line a carriage on a rail, not at all a leg.
+The way an anchor moves tells what carries it: an arm moves it on a circle, a carriage on a line, and the anchor of a
+leg does not move.
 """
 
 from __future__ import annotations
@@ -149,7 +150,7 @@ def _middle_at(
 
 
 def _span(points: np.ndarray) -> np.ndarray:
-    """(2, 3) the two points that are furthest apart."""
+    """(2, 3) [m], the two points with the greatest distance."""
     distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
     i, j = np.unravel_index(np.argmax(distance), distance.shape)
     return points[[i, j]]
