@@ -31,7 +31,7 @@ from pcalib.robot import Robot
 
 NAMES = ("random", "border", "plain", "rich")
 OPTIMAL = "d-optimal"
-"""A plan that only the core can make: `bench.jobs.optimal`."""
+"""The D-optimal plan. It needs the formulas of pcalib and is therefore made in `bench.jobs.optimal`."""
 STREAM = 0x91A
 PAYLOADS = (0.0, 1.0, 2.0)
 """[kg] of a rich plan, unless others are asked for."""

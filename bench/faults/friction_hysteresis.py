@@ -10,7 +10,7 @@ from bench.rig import Rig
 from pcalib.settings import Setting
 
 STILL = 1e-14
-"""[rad or m] change of a wind-up that is none."""
+"""[rad or m] A smaller change of the wind-up counts as none."""
 
 
 class FrictionHysteresis(Fault):

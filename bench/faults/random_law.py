@@ -18,7 +18,7 @@ from pcalib.robot import Robot
 from pcalib.settings import Setting
 
 STILL = 1e-13
-"""[rad or m] change of a deviation that is none."""
+"""[rad or m] A smaller change of a deviation counts as none."""
 PLAY, FADING = "random_law.play", "random_law.fading"
 """Columns that hold what a row remembers."""
 

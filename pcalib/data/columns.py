@@ -94,7 +94,7 @@ def assign(table: Table, wanted: Mapping[str, str], plain: Iterable[str], actuat
 
 
 def actuators(table: Table, robot: Robot | None) -> tuple[tuple[str, ...], str]:
-    """Actuator names and their dimension: the robot's, or what the header says where there is no robot."""
+    """Names and dimension of the actuators, from the robot, or from the header if no robot is given."""
     if robot is not None:
         return robot.mechanism.actuators, robot.mechanism.actuator_dimension
     numbers, dimensions = set(), set()
