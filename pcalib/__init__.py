@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pcalib.data.measurement import save as save_measurements
     from pcalib.diagnosis.compare import compare as compare
     from pcalib.diagnosis.diagnose import diagnose as diagnose
+    from pcalib.diagnosis.discriminate import next_rows as next_rows
     from pcalib.diagnosis.evidence import evidence as explain
     from pcalib.diagnosis.steps import add as add
     from pcalib.diagnosis.steps import drop as drop
@@ -65,6 +66,7 @@ _PUBLIC = {
     "load_measurements": "data.measurement.load",
     "load_model": "modelfile.load",
     "load_robot": "robot.load",
+    "next_rows": "diagnosis.discriminate.next_rows",
     "plan": "planning.plan",
     "predict": "prediction.predict",
     "save_measurements": "data.measurement.save",
@@ -74,8 +76,8 @@ _PUBLIC = {
 __all__ = [
     "Commands", "Conditions", "Contribution", "Effect", "EffectParameter", "Fit", "Measurements", "Model",
     "PcalibError", "Robot", "Situation", "__version__", "add", "compare", "compensate", "diagnose", "drop",
-    "explain", "fit", "load_measurements", "load_model", "load_robot", "plan", "predict", "save_measurements",
-    "save_model",
+    "explain", "fit", "load_measurements", "load_model", "load_robot", "next_rows", "plan", "predict",
+    "save_measurements", "save_model",
 ]  # fmt: skip
 
 

@@ -29,6 +29,7 @@ def ran(tmp_path_factory):
 def test_the_loop_ends_with_the_right_effect(ran):
     assert ran["diagnosis"].verdict == "ambiguous"
     assert {("drive_compliance",), ("arm_bending",)} == {explanation.names for explanation in ran["diagnosis"].sets}
+    assert ran["rows"].q.shape == (6, 3) and "Treat the two as one" in ran["rows"].sentence()
     assert ran["step"].fell and ran["again"].verdict == "nothing_missing"
     assert min(ran["comparison"].times_noise) > 1.2 and ran["fit"].status == "converged"
 

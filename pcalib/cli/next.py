@@ -50,8 +50,6 @@ def command(
     from pcalib.cli._inputs import read
     from pcalib.data import table
     from pcalib.diagnosis import discriminate
-    from pcalib.diagnosis.hypothesis import resolve
-    from pcalib.diagnosis.problem import problem
     from pcalib.errors import InputError
     from pcalib.fitting import identification
 
@@ -68,13 +66,13 @@ def command(
     if levels:
         say(f"Both take geometry of level {levels[0]}, so the plan starts from a fit at that level.")
         calibrated = identification.fit(measured, calibrated, levels[0]).model
-    rivals = [[resolve(name, calibrated, own) for name in side if name not in levels] for side in named]
+    without = ["+".join(name for name in side if name not in levels) or "nothing" for side in named]
     tools = tool_options(tool, calibrated.robot)
     payloads = [float(units.parse_quantity(p, "mass", option="--payload")[0]) for p in payload]
     if min(payloads, default=0.0) < 0:
         raise InputError("--payload: a payload cannot be negative", remedy="write e.g. 2kg")
     options = discriminate.Options(payloads=payloads or None, tools=np.array(tools) if tools else None, seed=seed)
-    found = discriminate.plan(problem(calibrated, measured, own), rivals, n, options)
+    found = discriminate.next_rows(calibrated, measured, without, n, own, options)
     columns = discriminate.table(calibrated.robot, found)
     write_json(
         json,

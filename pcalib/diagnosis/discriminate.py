@@ -17,12 +17,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib import planning, prediction
-from pcalib.diagnosis.hypothesis import Hypothesis
+from pcalib.data.measurement import Measurements
+from pcalib.diagnosis.hypothesis import Hypothesis, resolve
 from pcalib.diagnosis.point import Point
-from pcalib.diagnosis.problem import Problem, spread, unknowns_for
+from pcalib.diagnosis.problem import Problem, problem, spread, unknowns_for
+from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, InputError
 from pcalib.fitting import linearisation
 from pcalib.fitting.unknowns import Unknowns
+from pcalib.model import Model
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot
 from pcalib.workspace import reachable
@@ -107,6 +110,31 @@ class Plan:
             f"{text}, and no sensible number of such rows brings them. "
             f"{same}: for poses and loads like these both lead to the same commands."
         )
+
+
+def next_rows(
+    model: Model,
+    data: Measurements,
+    between: Sequence[str],
+    n: int = 6,
+    own: Sequence[Effect] = (),
+    options: Options | None = None,
+) -> Plan:
+    """Rows to measure that tell two explanations apart, the most telling first.
+
+    Args:
+        model: a model that has neither explanation.
+        data: the measurements so far.
+        between: two explanations: names of effects or geometry levels, several joined by +, or 'nothing'.
+        n: how many rows.
+        own: the user's own effects.
+
+    Raises:
+        EffectError: a name that is unknown or that the model has already.
+        InputError: not two different explanations, or no rows.
+    """
+    rivals = [[resolve(name, model, own) for name in side.split("+") if name != "nothing"] for side in between]
+    return plan(problem(model, data, own), rivals, n, options)
 
 
 def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None = None) -> Plan:
