@@ -107,7 +107,7 @@ def legendre(values: np.ndarray, low: int, high: int) -> np.ndarray:
         return np.zeros((*values.shape, 0))
     lowest, highest = known.min(), known.max()
     x = np.nan_to_num((2 * values - lowest - highest) / (highest - lowest))
-    return np.stack([np.polynomial.legendre.Legendre.basis(n)(x) for n in range(low, high + 1)], axis=-1)
+    return np.polynomial.legendre.legvander(x, high)[..., low:]
 
 
 def patterns(point: Point, budget: int, total: int, seen: np.ndarray | None = None) -> list[Pattern]:

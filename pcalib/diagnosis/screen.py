@@ -18,6 +18,9 @@ from functools import cached_property
 
 import numpy as np
 
+from pcalib.fitting.identifiability import project_out as project_out
+from pcalib.fitting.identifiability import span as span
+
 ALIAS = 1e-4
 """Sine of the angle below which a direction counts as contained in what is already allowed for."""
 INVISIBLE = 0.5
@@ -76,24 +79,6 @@ class Noise:
     """(M,) int, class of each reading."""
     dof: np.ndarray
     """(n_classes,) degrees of freedom of the level of each class; inf where it is taken as known."""
-
-
-def project_out(A: np.ndarray, U: np.ndarray) -> np.ndarray:
-    """A (M, …) without its part in the span of the orthonormal columns U (M, r)."""
-    return A - U @ (U.T @ A)
-
-
-def span(columns: np.ndarray, threshold: float) -> np.ndarray:
-    """Orthonormal basis of the directions with singular value above `threshold`, (M, r)."""
-    if columns.shape[1] == 0:
-        return columns
-    try:
-        U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    except np.linalg.LinAlgError:  # LAPACK's fast driver fails on a rare matrix that its slow one can do
-        from scipy.linalg import svd
-
-        U, s, _ = svd(columns, full_matrices=False, lapack_driver="gesvd")
-    return U[:, s > threshold]
 
 
 @dataclass(frozen=True)

@@ -111,14 +111,30 @@ class Identifiability:
         return "" if a == b else f" {a}" if b == "1" else f" {a}/{b}"
 
 
-def project_out(J: np.ndarray, nuisance: np.ndarray | None) -> np.ndarray:
-    """J with the column space of nuisance unknowns (frame, target) removed."""
+def project_out(A: np.ndarray, U: np.ndarray) -> np.ndarray:
+    """A (M, …) minus its projection on the span of the orthonormal columns U (M, r)."""
+    return A - U @ (U.T @ A)
+
+
+def span(columns: np.ndarray, threshold: float) -> np.ndarray:
+    """Orthonormal basis of the directions with singular value above `threshold`, (M, r)."""
+    if columns.shape[1] == 0:
+        return columns
+    try:
+        U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    except np.linalg.LinAlgError:  # LAPACK's fast driver fails on a rare matrix that its slow one can do
+        from scipy.linalg import svd
+
+        U, s, _ = svd(columns, full_matrices=False, lapack_driver="gesvd")
+    return U[:, s > threshold]
+
+
+def without(J: np.ndarray, nuisance: np.ndarray | None) -> np.ndarray:
+    """J (M, n) minus its projection on the column space of the nuisance unknowns (frame, target)."""
     if nuisance is None or nuisance.shape[1] == 0:
         return J
     scale = np.linalg.norm(nuisance, axis=0)
-    U, s, _ = np.linalg.svd(nuisance / np.where(scale > 0, scale, 1.0), full_matrices=False)
-    U = U[:, s > 1e-9 * s[0]]
-    return J - U @ (U.T @ J)
+    return project_out(J, span(nuisance / np.where(scale > 0, scale, 1.0), 1e-9))
 
 
 def analyse(
@@ -135,7 +151,7 @@ def analyse(
         nuisance: (M, n) whitened columns of unknowns without prior, projected out first.
         units: 'm', 'rad' or '1' of each parameter, for sentences.
     """
-    scaled = project_out(J, nuisance) * prior
+    scaled = without(J, nuisance) * prior
     R, pivot = cast(
         tuple[np.ndarray, np.ndarray], scipy.linalg.qr(scaled, mode="r", pivoting=True, check_finite=False)
     )

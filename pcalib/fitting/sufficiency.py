@@ -12,7 +12,7 @@ from pcalib import prediction
 from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 from pcalib.fitting import linearisation, mixups
-from pcalib.fitting.identifiability import THRESHOLD, project_out
+from pcalib.fitting.identifiability import THRESHOLD, without
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.model import Frame, Model
 from pcalib.prediction import Conditions, Prediction
@@ -130,5 +130,5 @@ def expected_rank(
         if frame:
             F = prediction.frame_columns(nominal, p)[:, seen] / noise
             frames.append(F.reshape(-1, F.shape[-1]))
-    scaled = project_out(np.concatenate(rows), np.concatenate(frames) if frames else None) * scale
+    scaled = without(np.concatenate(rows), np.concatenate(frames) if frames else None) * scale
     return int(np.sum(np.linalg.svd(scaled, compute_uv=False) > THRESHOLD))

@@ -53,7 +53,7 @@ def test_ranks_at_nominal(delta, q, options, rank):
     """Bare ranks: singular values that are zero but for rounding, whatever noise and priors."""
     J, nuisance = design(delta, q, **options)
     prior = priors(delta.mechanism.units)
-    s = np.linalg.svd(identifiability.project_out(J, nuisance) * prior, compute_uv=False)
+    s = np.linalg.svd(identifiability.without(J, nuisance) * prior, compute_uv=False)
     assert s[rank - 1] / s[rank] > 1e4
     assert s[rank] / s[0] < 1e-12
 
@@ -183,7 +183,7 @@ def test_nuisance_is_projected_out():
     assert found.n_identified == 4 and found.dependent == {"e": {}}
     full = np.hstack([J[:, :4], nuisance[:, :2]])
     sigma = np.sqrt(np.diag(np.linalg.inv(full.T @ full)))[:4]
-    left = identifiability.project_out(J[:, :4], nuisance)
+    left = identifiability.without(J[:, :4], nuisance)
     np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(left.T @ left))), sigma)
 
 

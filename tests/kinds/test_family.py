@@ -9,7 +9,7 @@ import pytest
 from pcalib import kinds, prediction, rotation
 from pcalib import robot as robots
 from pcalib.errors import InputError
-from pcalib.fitting.identifiability import THRESHOLD, priors, project_out
+from pcalib.fitting.identifiability import THRESHOLD, priors, without
 from pcalib.mechanics import kinematics
 from pcalib.mechanics.mechanism import Pose
 from pcalib.model import Model
@@ -204,7 +204,7 @@ def readings(name, tool):
 def rank(J, frames=None):
     J = J.reshape(-1, J.shape[-1])
     F = None if frames is None else frames.reshape(-1, frames.shape[-1])
-    return int(np.sum(np.linalg.svd(project_out(J, F), compute_uv=False) > THRESHOLD))
+    return int(np.sum(np.linalg.svd(without(J, F), compute_uv=False) > THRESHOLD))
 
 
 def test_every_kind_has_its_ranks_stated(own_tests):
