@@ -138,7 +138,7 @@ def show(found: Results, lines: Sequence[Line], sets: int = 0) -> None:
         [
             (
                 line.what,
-                f"{'≤' if line.at_most else '≥'} {100 * line.bound:g} %",
+                "" if line.verdict == "for comparison" else f"{'≤' if line.at_most else '≥'} {100 * line.bound:g} %",
                 f"{100 * line.rate:.1f} %",
                 f"{100 * line.sigma:.1f}",
                 line.n,

@@ -169,9 +169,11 @@ class Line:
 
     @property
     def verdict(self) -> str:
-        """'holds', 'within chance', 'falls short' or 'not tested'."""
+        """'holds', 'within chance', 'falls short', 'not tested' or 'for comparison'."""
         if not self.n:
             return "not tested"
+        if self.bound != self.bound:
+            return "for comparison"
         if self.holds:
             return "holds"
         return "within chance" if self.chance > 0.05 else "falls short"

@@ -80,7 +80,8 @@ class Bound:
     """A rate that is asked for; `{}` in `what` stands for the variant."""
 
     what: str
-    bound: float
+    bound: float = float("nan")
+    """NaN: for comparison only."""
     at_most: bool = True
     each: bool = True
     """Whether every variant is held to it by itself."""

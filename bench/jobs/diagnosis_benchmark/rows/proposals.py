@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from bench import faults
 from bench.faults.random_law import RandomLaw
+from bench.jobs.diagnosis_benchmark.peers import NAMING, Columns, process
 from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
 from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, fitted, held_out, stage
 from bench.jobs.hidden.design import DESIGNS
@@ -19,7 +20,7 @@ from pcalib.diagnosis.problem import problem
 from pcalib.effects import user
 from pcalib.errors import EffectError
 from pcalib.laws import telling
-from pcalib.laws.search import Family, Proposals, propose
+from pcalib.laws.search import ALIKE, Family, Proposals, propose
 
 SIZES = (10.0, 40.0)
 """Visible sizes, noise units, log-uniform."""
@@ -57,16 +58,39 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
         yield Set(fitted(data, there.robot), data, about, {"laws": sized.fault.laws, "plain": plain})
 
 
-def _holds(family: Family, made: Set) -> bool:
-    """Whether a class has a member of the true channel that is a function of the true variable."""
+def _right(made: Set, channel: str, variables: Collection[str]) -> bool:
+    """Whether that is the true channel, and the true variable among those named."""
     [law] = made.truth["laws"]
     [term] = law.terms
     wanted = VARIABLES.get(term.variable, {term.variable})
-    return any(
-        told.channel.name == CHANNELS[law.channel] and wanted & {s.variable.name for s in told.term.variables}
-        for member in family.members
-        for told in member.laws
-    )
+    return channel == CHANNELS[law.channel] and bool(wanted & set(variables))
+
+
+def _holds(family: Family, made: Set) -> bool:
+    """Whether a class has a right member."""
+    told = (law for member in family.members for law in member.laws)
+    return any(_right(made, law.channel.name, [s.variable.name for s in law.term.variables]) for law in told)
+
+
+def _peers(made: Set, columns: Columns) -> dict[str, bool]:
+    """What other methods make of the same columns: the right law first; or, with nothing hidden, any law at all."""
+    out = {}
+    for name, method in NAMING.items():
+        chosen = method(columns.values, columns.y)
+        if not made.truth:
+            out[f"{name}_proposed"] = len(chosen) > 0
+        else:
+            out[f"{name}_first"] = len(chosen) > 0 and _like_a_right_one(made, columns, int(chosen[0]))
+    return out
+
+
+def _like_a_right_one(made: Set, columns: Columns, first: int) -> bool:
+    """Whether the data cannot tell a column from a right one: peers are given the aliases that a class has."""
+    named = zip(columns.channel, columns.variables, strict=True)
+    right = np.array([_right(made, str(channel), variables) for channel, variables in named])
+    chosen = columns.values[:, first]
+    cosine = np.abs(columns.values[:, right].T @ chosen).max(initial=0.0)
+    return bool(abs(chosen @ columns.y) * np.sqrt(max(2 - 2 * cosine, 0.0)) < ALIKE)
 
 
 def _after(made: Set, found: Proposals) -> float:
@@ -84,18 +108,23 @@ def _after(made: Set, found: Proposals) -> float:
 
 
 def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
-    found = propose(problem(made.model, made.data))
+    asked = problem(made.model, made.data)
+    found = propose(asked)
     if not made.truth:
-        return telling.sentence(found), {"proposed": bool(found.families)}
+        return telling.sentence(found), {"proposed": bool(found.families)} | _peers(made, Columns.of(asked))
+    if made.truth["plain"]:
+        others = _peers(made, Columns.of(asked))
+    else:
+        others = {"process_useful": process(made.model, made.data, DESIGN.sigma_pos) <= NEAR}
     if not found.families:
         missed = {"first": False, "five": False} if made.truth["plain"] else {"useful": True}
-        return telling.sentence(found), missed
+        return telling.sentence(found), missed | others
     after = _after(made, found)
     said = f"{found.families[0].first.words()}; held-out {after:.2f} × the noise"
     if not made.truth["plain"]:
         honest = not found.families[0].first.adequate  # the sentence then begins with "No law … explains all"
-        return said, {"useful": honest or after <= NEAR}
-    return said, {
+        return said, {"useful": honest or after <= NEAR} | others
+    return said, others | {
         "first": _holds(found.families[0], made),
         "five": any(_holds(family, made) for family in found.families[:FIRST]),
         "floor": after <= 1.1,
@@ -104,13 +133,16 @@ def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
 
 ROW = Row(
     "proposals",
-    {"plain_laws": 100, "random_laws": 100, "nothing": 100},
+    {"plain_laws": 80, "random_laws": 60, "nothing": 60},
     {
         "proposed": Bound("{}: a law proposed", 0.05),
         "first": Bound("{}, s ≥ 10: true channel and variable in the first class", 0.80, at_most=False),
         "five": Bound("{}, s ≥ 10: true channel and variable among the first five classes", 0.95, at_most=False),
         "floor": Bound("{}: held-out rows within 10 % of the noise once the first is added", 0.85, at_most=False),
         "useful": Bound("{}: no law said to explain all, or held-out within 25 % of the noise", 0.60, at_most=False),
+        **{f"{name}_proposed": Bound(f"{{}}, {name}: a law proposed") for name in NAMING},
+        **{f"{name}_first": Bound(f"{{}}, {name}: the right law first", at_most=False) for name in NAMING},
+        "process_useful": Bound("{}, Gaussian process: held-out rows within 25 % of the noise", at_most=False),
     },
     _sets,
     _judge,
