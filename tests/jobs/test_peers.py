@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.jobs.diagnosis_benchmark import peers
 from bench.jobs.diagnosis_benchmark.rows import Task, get
+from bench.jobs.diagnosis_benchmark.rows import _peers as peers
 from pcalib.diagnosis.problem import problem
 
 RNG = np.random.default_rng(3)

@@ -11,8 +11,8 @@ import numpy as np
 
 from bench import faults
 from bench.faults.random_law import RandomLaw
-from bench.jobs.diagnosis_benchmark.peers import NAMING, Columns, process
 from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
+from bench.jobs.diagnosis_benchmark.rows._peers import NAMING, Columns, process
 from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, fitted, held_out, stage
 from bench.jobs.hidden.design import DESIGNS
 from pcalib.diagnosis import steps
