@@ -10,20 +10,25 @@ import numpy as np
 
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
+from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis.adequacy import AGAINST, ALPHA, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
-from pcalib.diagnosis.hypothesis import Hypothesis, start_of
+from pcalib.diagnosis.held_out import HeldOut, refitted
+from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem
-from pcalib.diagnosis.screen import NUISANCE, Misfit, Screen, misfit, smallest_seen
-from pcalib.diagnosis.verdict import Explanation, decide, refuted
+from pcalib.diagnosis.screen import NUISANCE, Misfit, Screen, misfit, smallest_seen, span
+from pcalib.diagnosis.verdict import AsGiven, Doubt, Explanation, decide, refuted, shared
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
-from pcalib.fitting import identification, linearisation
+from pcalib.fitting import identification
 from pcalib.model import Model
 
 N_DRAWS = 4096
+FEWEST_LEFT = 10
+"""Degrees of freedom that the fit must leave for anything to be established: with nine the scale of the residuals is
+known to a quarter, and a wrong effect of four parameters takes nearly half of them."""
 BEYOND = 3.0
 """σ by which fitted parameters may lie beyond their physical range and still be possible."""
 
@@ -74,6 +79,10 @@ class Diagnosis:
     noise: NoiseLevel
     misfit: Misfit
     problem: Problem
+    given: AsGiven
+    """The model as it stands, without a refit."""
+    checked: Measurements | None
+    """Held-out rows that were used; None where there are none."""
     critical: float
     """Single p below which something counts as found, all that was looked at considered."""
 
@@ -138,8 +147,11 @@ def diagnose(
     critical = float(np.quantile(null, alpha))
     levels = (alpha, against[0], *[against[1]] * (largest - 1))[: largest + 1]
     sets = _explanations(_World((), made, screen, null), data, own, levels, n_draws, seed, without)
-    if made.outliers.too_many and sets and not sets[0].names:
-        sets = []  # what is left may look like noise, but so many rows do not
+    held = HeldOut.of(made, data)
+    given = _as_given(made, screen, held)
+    if sets and not sets[0].names and (made.outliers.too_many or given.against):
+        sets = []  # what a refit leaves of the rows to fit may look like noise, but the rest does not
+    sets = _doubted(sets, made, screen, held, data)
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)
     tested = [f.candidate.name for f in findings if f.why is None and f.candidate.effect is not None]
@@ -154,8 +166,51 @@ def diagnose(
         noise=made.noise,
         misfit=misfit(screen),
         problem=made,
+        given=given,
+        checked=held.data if held else None,
         critical=critical,
     )
+
+
+def _as_given(made: Problem, screen: Screen, held: HeldOut | None) -> AsGiven:
+    U = span(made.nuisance, NUISANCE)
+    inside = U.T @ made.y
+    out = AsGiven(
+        fit=float(np.sqrt(np.mean(made.y**2))),
+        refit_p=float(screen.p_value(float(inside @ inside), U.shape[1])) if U.shape[1] else 1.0,
+    )
+    if made.noise.source == "residuals" and all(made.data.stated):
+        stated = noises.as_stated(made.data)
+        times = [a / b for a, b in zip(made.noise.total, stated.total, strict=True) if np.isfinite(a)]
+        out = replace(out, stated=max(times))
+    if held is None:
+        return out
+    chi2, readings = held.score(made.model)
+    p = float(screen.p_value(chi2, readings)) if readings else 1.0
+    return replace(out, check=held.times_noise(made.model), check_p=p)
+
+
+def _doubted(
+    sets: list[Explanation], made: Problem, screen: Screen, held: HeldOut | None, data: Measurements
+) -> list[Explanation]:
+    """The explanations with what held-out rows say of the best one, and with what keeps it from being established."""
+    if not sets or not shared(sets):
+        return sets
+    best, doubts = sets[0], []
+    if held is None:
+        doubts.append(Doubt.NOTHING_HELD_OUT)
+    else:
+        pairs = list(zip(best.members, best.theta, strict=True))
+        before, after = refitted(made.model, data, []), refitted(made.model, data, pairs)
+        change = held.change(before, after) if before is not None and after is not None else None
+        best = replace(best, held_out=change)
+        if change is None or not change.confirmed:
+            doubts.append(Doubt.UNCONFIRMED)
+    if screen.free < FEWEST_LEFT:
+        doubts.append(Doubt.FEW)
+    if best.at_edge:
+        doubts.append(Doubt.EDGE)
+    return [replace(best, doubts=tuple(doubts)), *sets[1:]]
 
 
 def _explanations(
@@ -184,7 +239,7 @@ def _explanations(
                 found.setdefault(explained.names, explained)
         if found:
             ordered = sorted(found.values(), key=lambda e: e.bic)
-            return [_checked(e, made, data) if len(ordered) == 1 and e.names else e for e in ordered]
+            return ordered
         if size == 0:  # something is missing: now it is worth the refits at richer levels
             worlds += _richer(made, data, own, n_draws, seed, without)
     return []
@@ -213,6 +268,17 @@ def within_range(made: Problem, screen: Screen, chosen: Sequence[int]) -> tuple[
     bounded = lsq_linear(F, screen.y, (low / scale, high / scale)).x
     rise = float(np.sum((screen.y - F @ bounded) ** 2) - np.sum((screen.y - F @ (free / scale)) ** 2))
     return np.split(bounded * scale, np.cumsum([len(t) for t in theta])[:-1]), rise
+
+
+def _at_edge(made: Problem, chosen: Sequence[int], theta: Sequence[np.ndarray]) -> bool:
+    """Whether a parameter lies at a bound of its physical range other than zero: an effect of size zero is none."""
+    for g, values in zip(chosen, theta, strict=True):
+        candidate = made.candidates[g]
+        for bound in (candidate.low, candidate.high):
+            near = np.abs(values - bound) <= 1e-3 * candidate.scale
+            if np.any(near & (np.abs(bound) > 0.1 * candidate.scale)):
+                return True
+    return False
 
 
 def _simpler(names: tuple[str, ...], prefix: tuple[str, ...], made: Problem) -> bool:
@@ -253,6 +319,7 @@ def _explanation(world: _World, chosen: tuple[int, ...]) -> Explanation:
     values, spread = ([np.zeros(0)] * len(members) + each for each in (theta, sigma))
     members += [made.candidates[g].hypothesis for g in chosen]
     order = sorted(range(len(members)), key=lambda i: members[i].name)
+    edge = bool(chosen) and _at_edge(made, chosen, theta)
     rest = screen.y @ screen.y
     if chosen:
         Q = screen.joint(chosen)
@@ -263,23 +330,8 @@ def _explanation(world: _World, chosen: tuple[int, ...]) -> Explanation:
         theta=tuple(values[i] for i in order),
         sigma=tuple(spread[i] for i in order),
         bic=float(rest + columns * np.log(len(made.y))),
+        at_edge=edge,
     )
-
-
-def _checked(explanation: Explanation, made: Problem, data: Measurements) -> Explanation:
-    """The explanation with what held-out rows say after a full non-linear refit of everything."""
-    if data.check.sum() < 5:
-        return explanation
-    start, level = start_of(made.model, list(zip(explanation.members, explanation.theta, strict=True)))
-    try:
-        after = identification.fit(data, start, level).model
-    except (FitError, InputError):
-        return explanation
-    rows = data.take(data.check)
-    sigma = rows.sigma * np.repeat(made.noise.ratio, 3)
-    old, new = (linearisation.residuals(model, rows)[0] / sigma for model in (made.model, after))
-    seen = np.isfinite(old) & np.isfinite(new)  # a pose that one of them cannot reach says nothing of their errors
-    return replace(explanation, held_out=(float(np.sum(old[seen] ** 2)), float(np.sum(new[seen] ** 2))))
 
 
 def _findings(

@@ -11,12 +11,11 @@ from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.adequacy import Test
 from pcalib.diagnosis.candidates import Candidate, shown_by
-from pcalib.diagnosis.compare import noise_of
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible
+from pcalib.diagnosis.held_out import Change, HeldOut
 from pcalib.diagnosis.hypothesis import resolve, start_of
 from pcalib.diagnosis.patterns import FINE, load_name, recorded
 from pcalib.diagnosis.screen import Screen
-from pcalib.diagnosis.steps import held_out_errors
 from pcalib.effects.base import Effect, Situation
 from pcalib.errors import EffectError, FitError, InputError
 from pcalib.fitting import identification
@@ -80,8 +79,8 @@ class Evidence:
     before: Fit | None
     after: Fit | None
     """Full non-linear fits without and with it; None where a fit failed."""
-    held_out: tuple[float, float] | None
-    """RMS of the check rows' readings in noise units, before and after; rotations only where a level explains them."""
+    held_out: Change | None
+    """What held-out rows say of it; None where none are held out, or where a fit failed."""
     rest_p: float
     """Corrected p of the hottest thing with the candidate in place: small means it is not enough."""
     rest: str
@@ -113,18 +112,15 @@ def evidence(model: Model, data: Measurements, spec: str, own: Sequence[Effect] 
     hottest = "what no group holds" if rest.hottest < 0 else screen.names[_hottest(found, screen, rest)]
     candidate = finding.candidate
     before, after = _fits(model, data, finding)
-    held = None
-    if before is not None and after is not None and data.check.any():
-        sigma = noise_of(made, data)[data.check]
-        both = [np.sqrt(np.nanmean((error / sigma) ** 2)) for error in held_out_errors(before, after)]
-        held = float(both[0]), float(both[1])
+    held = HeldOut.of(made, data)
+    change = held.change(before.candidate, after.candidate) if held and before and after else None
     return Evidence(
         candidate=candidate,
         finding=finding,
         diagnosis=found,
         before=before,
         after=after,
-        held_out=held,
+        held_out=change,
         rest_p=float(adequacy.corrected(rest.smallest, null)),
         rest=hottest,
         rivals=tuple("+".join(e.names) for e in found.sets if e.names and candidate.name not in e.names),

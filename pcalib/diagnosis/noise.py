@@ -55,6 +55,11 @@ class NoiseLevel:
     """What lies outside every effect and pattern agrees with the replicates, and is counted in."""
 
     @property
+    def total(self) -> tuple[float, float]:
+        """[m, rad] RMS noise per component of positions and of rotations; NaN where a class is not measured."""
+        return self.sigma_pos, self.sigma_rot
+
+    @property
     def verified(self) -> bool:
         """Whether replicates stand behind it."""
         return self.source == "replicates"
@@ -69,7 +74,7 @@ class NoiseLevel:
         if self.source == "replicates":
             few = [
                 f"; of {what} too few are repeated, so that theirs is {'as stated' if stated else 'assumed'}"
-                for what, value, nu, stated in zip(_CLASSES, _total(self), self.dof, self.stated, strict=True)
+                for what, value, nu, stated in zip(_CLASSES, self.total, self.dof, self.stated, strict=True)
                 if np.isfinite(value) and not np.isfinite(nu)
             ]
             return f"Noise {said} per component, from replicates{''.join(few)}."
@@ -78,7 +83,7 @@ class NoiseLevel:
                 f"Noise not verified by replicates: {said} per component is what no effect and no pattern explains. "
                 "Measure ten poses twice to be sure."
             )
-        stated = [own for own, value in zip(self.stated, _total(self), strict=True) if np.isfinite(value)]
+        stated = [own for own, value in zip(self.stated, self.total, strict=True) if np.isfinite(value)]
         origin = "as the file states" if all(stated) else "assumed, as the file states none"
         if len(set(stated)) == 2:
             origin = f"as the file states, that of {_CLASSES[stated.index(False)]} assumed"
@@ -213,7 +218,7 @@ def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
 
     if rest is None:
         return repeated
-    for a, b, nu_a, nu_b in zip(_total(repeated), _total(rest), repeated.dof, rest.dof, strict=True):
+    for a, b, nu_a, nu_b in zip(repeated.total, rest.total, repeated.dof, rest.dof, strict=True):
         if np.isfinite(nu_a) and np.isfinite(nu_b):
             F = (b / a) ** 2
             if 2 * min(fdtr(nu_b, nu_a, F), fdtrc(nu_b, nu_a, F)) < AGREE:
@@ -232,13 +237,9 @@ def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
         ratio, sigma_q = larger.ratio, larger.sigma_q
     pos, rot = (
         float(np.sqrt((a * x**2 + b * y**2) / (a + b))) if a + b else x
-        for x, y, a, b in zip(_total(repeated), _total(rest), *weights, strict=True)
+        for x, y, a, b in zip(repeated.total, rest.total, *weights, strict=True)
     )
     return replace(repeated, ratio=ratio, dof=dof, sigma_q=sigma_q, sigma_pos=pos, sigma_rot=rot, pooled=True)
-
-
-def _total(level: NoiseLevel) -> tuple[float, float]:
-    return level.sigma_pos, level.sigma_rot
 
 
 def _solve(

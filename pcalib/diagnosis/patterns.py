@@ -28,6 +28,11 @@ SLIDING = {"actuator": "motor positions"}
 """The same where actuator values are lengths."""
 HIGHEST = 4
 """Degree of the richest patterns."""
+FLAT = 0.05
+"""Share of the largest extent below which an axis does not vary: of 200 mm that is 10 mm, a hundred times what the
+contacts of a level bed differ by."""
+STEADY = 1e-2
+"""Share of its size by which a load must vary over the poses to be a variable."""
 FINE = "q, in fine waves"
 """Variable of errors that go up and down many times over the range of a motor."""
 
@@ -167,14 +172,18 @@ def _cells(point: Point, response: Response, seen: np.ndarray) -> Iterator:
 
     yield "actuator", "q", lambda degree: _each(actuators, lambda i: legendre(at.q[:, i], 1, degree + 1))
     load = load_name(mechanism.actuator_dimension == "length")
-    yield "actuator", load, lambda degree: _each(actuators, lambda i: legendre(at.torque[:, i], 1, degree))
+    yield "actuator", load, lambda degree: _each(actuators, lambda i: legendre(_load(at.torque[:, i]), 1, degree))
     if np.any(direction):
         sided = np.stack([direction, direction * np.abs(at.torque) / (np.abs(at.torque).mean() + 1e-12)], axis=-1)
         yield "actuator", "direction", lambda degree: _each(actuators, lambda i: sided[:, i])
     pair = _pairs(rods, arm)
     if pair is not None:
         yield "parallelogram", "q", lambda degree: _each(pair, lambda i: legendre(at.q[:, i], 1, degree))
-    yield "rod", "tension", lambda degree: _each(rods, lambda r: legendre(at.tension[:, r], 1, max(1, degree - 1)))
+    yield (
+        "rod",
+        "tension",
+        lambda degree: _each(rods, lambda r: legendre(_load(at.tension[:, r]), 1, max(1, degree - 1))),
+    )
     yield "rod", "sign of the rod force", lambda degree: _each(rods, lambda r: _sides(at.tension[:, r]))
     body = np.broadcast_to(np.eye(6)[:, seen], (len(at), 6, int(seen.sum())))
     place = point.prediction.pose.x
@@ -244,6 +253,11 @@ def _pairs(rods: np.ndarray, arm: np.ndarray) -> np.ndarray | None:
     return np.stack([rods[:, :, r[0]] - rods[:, :, r[1]] for r in each], axis=-1)
 
 
+def _load(values: np.ndarray) -> np.ndarray:
+    """A load (N,); nothing where it hardly varies, because its rounding would then be the variable."""
+    return values if np.ptp(values) > STEADY * np.abs(values).max(initial=0.0) else np.zeros(len(values))
+
+
 def _sides(tension: np.ndarray) -> np.ndarray:
     """sign T as one column; none where it never changes."""
     sign = np.sign(tension)[:, None]
@@ -251,9 +265,10 @@ def _sides(tension: np.ndarray) -> np.ndarray:
 
 
 def _place(x: np.ndarray, degree: int) -> np.ndarray:
-    """Polynomials of the place up to a degree, (N, F), scaled to the poses' extent."""
-    middle = 0.5 * (x.max(axis=0) + x.min(axis=0))
-    u = (x - middle) / np.maximum(0.5 * np.ptp(x, axis=0), 1e-9)
+    """Polynomials of the place up to a degree, (N, F), scaled to the poses' extent, an axis along which it is small to
+    a share of the largest: the height at which a probe touches a bed varies by the noise alone."""
+    middle, extent = 0.5 * (x.max(axis=0) + x.min(axis=0)), np.ptp(x, axis=0)
+    u = (x - middle) / np.maximum(0.5 * extent, max(FLAT * extent.max(), 1e-9))
     out = [u]
     if degree > 1:
         out += [u[:, i : i + 1] * u[:, i:] for i in range(3)]

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from pcalib.data.measurement import Measurements
+from pcalib.data.noise import Noise
 from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis import outliers
 from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates
@@ -17,12 +18,40 @@ from pcalib.diagnosis.outliers import Outliers
 from pcalib.diagnosis.patterns import Pattern, patterns, ripple
 from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.ripple import scanned
-from pcalib.diagnosis.screen import NUISANCE, Group, Noise, Screen, joint_span, outside, screen, span
+from pcalib.diagnosis.screen import NUISANCE, Group, Known, Screen, joint_span, outside, screen, span
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
 from pcalib.fitting.sufficiency import require_reach
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.model import Model
+
+
+@dataclass(frozen=True)
+class Reading:
+    """From readings [m, rad] to units of the noise: first of the stated noise, then of the one that was found."""
+
+    stated: Noise
+    whitener: np.ndarray
+    """(N, 6, 6) from stated noise units to those of the noise level."""
+
+    @property
+    def row(self) -> np.ndarray:
+        """(M,) row of each measured reading."""
+        return self.stated.row
+
+    @property
+    def component(self) -> np.ndarray:
+        """(M,) 0…5."""
+        return self.stated.component
+
+    def padded(self, values: np.ndarray) -> np.ndarray:
+        """Values (N, 6, …) in noise units, of the same shape; 0 where nothing is measured."""
+        flat = self.stated.padded(values).reshape(*values.shape[:2], -1)
+        return (self.whitener @ flat).reshape(values.shape)
+
+    def whiten(self, values: np.ndarray) -> np.ndarray:
+        """Values (N, 6, …) as (M, …) in noise units."""
+        return _gather(self.padded(values), self.row, self.component)
 
 
 @dataclass(frozen=True)
@@ -54,11 +83,28 @@ class Problem:
 
     def in_noise_units(self, columns: np.ndarray) -> np.ndarray:
         """Columns (N, 6, p) [m, rad] in noise units, zero where nothing is measured."""
-        return self.whitener @ _padded(self.data, columns)
+        return self.reading.padded(columns)
 
     def whitened(self, columns: np.ndarray) -> np.ndarray:
         """Columns (N, 6, p) [m, rad] as (M, p) in noise units."""
-        return _gather(self.in_noise_units(columns), self.row, self.component)
+        return self.reading.whiten(columns)
+
+    @property
+    def reading(self) -> Reading:
+        """Its whitening."""
+        return Reading(Noise.of(self.data), self.whitener)
+
+    def elsewhere(self, data: Measurements) -> tuple[Reading, np.ndarray]:
+        """The whitening of other rows, and the columns (m, n) there of what the model has, scaled by priors."""
+        unknowns = unknowns_for(self.model, self.data)
+        stated = Noise.of(data)
+        linear = linearisation.linearise(self.model, data, unknowns)
+        point = Point.of(self.model, linear.prediction, linearisation.conditions_of(data))
+        blocks = Blocks(data.mask, np.zeros(data.mask.shape), stated.padded(point.response().actuator))
+        reading = Reading(stated, noises.whitener(self.noise, blocks))
+        columns = np.zeros((*data.mask.shape, len(unknowns.names)))
+        columns[linear.row, linear.component] = linear.jacobian * unknowns.scale * spread(self.model, unknowns)
+        return reading, np.nan_to_num(_gather(reading.whitener @ columns, stated.row, stated.component))
 
     @cached_property
     def groups(self) -> list[Group]:
@@ -87,7 +133,7 @@ class Problem:
             self.y,
             self.nuisance,
             self.groups,
-            Noise(self.classes, self.noise.dof),
+            Known(self.classes, self.noise.dof),
             from_rest=self.noise.source == "residuals" or self.noise.pooled,
             n_draws=n_draws,
             seed=seed,
@@ -144,9 +190,7 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
     point = Point.of(model, linear.prediction, linearisation.conditions_of(fit))
     nuisance = linear.jacobian * unknowns.scale * spread(model, unknowns)
 
-    def whiten(columns: np.ndarray) -> np.ndarray:
-        return _gather(_padded(fit, columns), linear.row, linear.component)
-
+    whiten = Noise.of(fit).whiten
     found, unavailable = candidates(point, own, lambda: scanned(point, linear.residual, nuisance, whiten))
     unavailable += [Unavailable(name, "left out, as asked") for name in {c.name for c in found} & set(without)]
     found = [c for c in found if c.name not in without]
@@ -182,14 +226,14 @@ def spread(model: Model, unknowns: Unknowns) -> np.ndarray:
 
 
 def _blocks(made: Problem) -> Blocks:
-    joint = _padded(made.data, made.point.response().actuator)
+    joint = Noise.of(made.data).padded(made.point.response().actuator)
     return Blocks(made.data.mask, _scatter(made.y[:, None], made)[..., 0], joint)
 
 
 def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
     """The best noise level that the data allow."""
     drift = [c for c in made.candidates if c.name == "base_drift"]
-    columns = _padded(made.data, drift[0].columns * drift[0].scale) if drift else np.zeros((*blocks.y.shape, 0))
+    columns = Noise.of(made.data).padded(drift[0].columns * drift[0].scale) if drift else np.zeros((*blocks.y.shape, 0))
     V = noises.contrasts(made.data, made.data.mask, columns)
     repeated = noises.from_replicates(made.data, blocks, V)
     Q = joint_span(made.nuisance, made.groups)
@@ -202,11 +246,6 @@ def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
     if repeated is not None:
         return noises.pooled(repeated, rest)
     return rest or noises.as_stated(made.data)
-
-
-def _padded(data: Measurements, columns: np.ndarray) -> np.ndarray:
-    """Columns (N, 6, p) [m, rad] in stated noise units, zero where nothing is measured."""
-    return np.where(data.mask[..., None], columns / np.where(data.mask, data.sigma, 1.0)[..., None], 0.0)
 
 
 def _scatter(columns: np.ndarray, made: Problem) -> np.ndarray:

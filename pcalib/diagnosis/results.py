@@ -10,6 +10,7 @@ from pcalib import summary, units
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding
 from pcalib.diagnosis.evidence import Evidence
+from pcalib.diagnosis.held_out import Change
 from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell
 from pcalib.diagnosis.steps import Step
@@ -33,6 +34,15 @@ def noise_json(level: NoiseLevel) -> dict[str, Any]:
     }
 
 
+def _change_json(change: Change | None) -> dict[str, Any] | None:
+    if change is None:
+        return None
+    return {
+        "chi2_before": change.before, "chi2_after": change.after, "readings": change.readings, "t": change.t,
+        "confirmed": change.confirmed,
+    }  # fmt: skip
+
+
 def _cell_json(cell: Cell) -> dict[str, Any]:
     return {"channel": cell.channel, "variable": cell.variable, "p": cell.p, "s": cell.s, "columns": cell.d}
 
@@ -52,7 +62,9 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
                 "specs": list(e.specs),
                 "bic": e.bic,
                 "words": e.words(),
-                "held_out_chi2": e.held_out,
+                "held_out_chi2": None if e.held_out is None else [e.held_out.before, e.held_out.after],
+                "held_out": _change_json(e.held_out),
+                "doubts": [doubt.name.lower() for doubt in e.doubts],
             }
             for e in found.sets
             if e.names
@@ -62,6 +74,14 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "unavailable": [{"effect": u.name, "why": u.why} for u in found.unavailable],
         "noise": noise_json(found.noise),
         "misfit": {"chi2_dof": found.misfit.chi2_dof, "p": found.misfit.p, "dof": found.misfit.dof},
+        "as_given": {
+            "times_noise": found.given.fit,
+            "times_noise_check": found.given.check,
+            "p_refit": found.given.refit_p,
+            "p_check": found.given.check_p,
+            "times_stated": found.given.stated,
+            "against": list(found.given.against),
+        },
         "outliers": [int(made.given.lines[i]) for i in made.outliers.rows],
         "heatmap": [_cell_json(c) for c in found.cells],
         "next": advice(found),
@@ -125,6 +145,7 @@ def step_json(step: Step) -> dict[str, Any]:
         "effect": step.spec,
         "before": summary.fit_json(step.before),
         "after": summary.fit_json(step.after),
+        "held_out": _change_json(step.held),
         "moved": [{"parameter": n, "change_si": c, "sigmas": t} for n, c, t in step.moved()],
     }
 
@@ -140,7 +161,8 @@ def evidence_json(e: Evidence) -> dict[str, Any]:
         "in_physical_range": e.in_range,
         "rest": {"p": e.rest_p, "hottest": e.rest},
         "rivals": list(e.rivals),
-        "held_out_times_noise": list(e.held_out) if e.held_out else None,
+        "held_out_times_noise": e.held_out and [e.held_out.times_before, e.held_out.times_after],
+        "held_out": _change_json(e.held_out),
         "before": summary.fit_json(e.before) if e.before else None,
         "after": summary.fit_json(e.after) if e.after else None,
         "verdict": e.diagnosis.verdict,

@@ -72,7 +72,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Noise:
+class Known:
     """How well the noise level is known, per class of readings (positions, rotations)."""
 
     classes: np.ndarray
@@ -188,7 +188,7 @@ def screen(
     y: np.ndarray,
     nuisance: np.ndarray,
     groups: Sequence[Group],
-    noise: Noise,
+    noise: Known,
     *,
     from_rest: bool = False,
     n_draws: int = 4096,

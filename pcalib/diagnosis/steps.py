@@ -10,17 +10,16 @@ import numpy as np
 from pcalib import effects, prediction
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.candidates import require_seen
+from pcalib.diagnosis.held_out import FEWEST, Change, HeldOut
 from pcalib.diagnosis.hypothesis import resolve, start_of
 from pcalib.diagnosis.point import Point
+from pcalib.diagnosis.problem import problem
 from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, unknown
 from pcalib.fitting import identification
 from pcalib.fitting.identification import Fit
 from pcalib.fitting.linearisation import conditions_of
 from pcalib.model import Model
-
-SURE = 2.0
-"""Standard errors by which held-out errors must change to confirm or refute a step."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +32,16 @@ class Step:
     before: Fit
     after: Fit
 
+    held: Change | None = None
+    """What held-out rows say of it; None where none are held out."""
+
     @property
     def fell(self) -> bool | None:
-        """Whether held-out errors fell, by more than chance (rose by no more than that on dropping); None where there
-        are too few to say."""
-        gain = held_out_gain(self.before, self.after)
-        if gain is None:
+        """Whether held-out χ² fell by more than chance (on dropping: rose by no more than chance); None where too few
+        rows are held out to say."""
+        if self.held is None or self.held.rows < FEWEST:
             return None
-        return gain > SURE if self.action == "add" else gain > -SURE
+        return self.held.confirmed if self.action == "add" else not self.held.refuted
 
     def moved(self, least: float = 1.0) -> list[tuple[str, float, float]]:
         """Parameters whose value changed by more than `least` of their former σ: (name, change [SI], in σ)."""
@@ -52,42 +53,6 @@ class Step:
             times = np.where(sigma > 0, np.abs(change) / sigma, 0.0)
         order = [int(i) for i in np.argsort(-times) if times[i] > least]
         return [(names[i], float(change[i]), float(times[i])) for i in order]
-
-
-def held_out_gain(before: Fit, after: Fit) -> float | None:
-    """By how many standard errors the squared held-out errors fell, pose by pose, every reading in units of its σ;
-    None with fewer than three poses."""
-    fell = _fell(before, after).sum(axis=1)
-    if len(fell) < 3:
-        return None
-    spread = np.std(fell, ddof=1) * np.sqrt(len(fell))
-    return float(np.sum(fell) / spread) if spread > 0 else 0.0
-
-
-def by_rotations(before: Fit, after: Fit) -> bool:
-    """Whether held-out rotations changed by more than positions did, both in units of the noise."""
-    position, rotation = np.abs(_fell(before, after).reshape(-1, 2, 3).sum(axis=(0, 2)))
-    return bool(rotation > position)
-
-
-def held_out_errors(before: Fit, after: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 6) [m, rad] errors of the held-out poses on either side; NaN where either has none.
-
-    Rotations are left out where both levels take parallelograms as perfect: neither fit looked at them, and a small
-    turn of the frame would change them by more than all else.
-    """
-    old, new = (f.error[f.held].copy() for f in (before, after))
-    lost = np.isnan(old) | np.isnan(new)
-    if before.unknowns.level.perfect and after.unknowns.level.perfect and not lost[:, :3].all():
-        lost[:, 3:] = True
-    old[lost] = new[lost] = np.nan
-    return old, new
-
-
-def _fell(before: Fit, after: Fit) -> np.ndarray:
-    """(n, 6) by how much the squared readings of held-out poses fell [σ²]; 0 where they do not count."""
-    old, new = held_out_errors(before, after)
-    return np.nan_to_num((old**2 - new**2) / before.sigma[before.held] ** 2)
 
 
 def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ()) -> Step:
@@ -103,7 +68,14 @@ def add(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ())
     if wanted.effect is not None:
         effects.require(wanted.effect, data.columns, data.source)
         _require_seen(wanted.effect, before.model, data)
-    return Step("add", wanted.spec, before, identification.fit(data, start, level))
+    return _step("add", wanted.spec, model, data, own, before, identification.fit(data, start, level))
+
+
+def _step(
+    action: str, spec: str, model: Model, data: Measurements, own: Sequence[Effect], before: Fit, after: Fit
+) -> Step:
+    held = HeldOut.of(problem(model, data, own), data) if data.check.any() else None
+    return Step(action, spec, before, after, held.change(before.candidate, after.candidate) if held else None)
 
 
 def _require_seen(effect: Effect, model: Model, data: Measurements) -> None:
@@ -123,7 +95,7 @@ def _no_effect(level: str, model: Model) -> str:
     return f"{level} is the model's geometry level, no effect\n  {remedy}"
 
 
-def drop(model: Model, data: Measurements, spec: str) -> Step:
+def drop(model: Model, data: Measurements, spec: str, own: Sequence[Effect] = ()) -> Step:
     """Refit without an effect.
 
     Raises:
@@ -138,4 +110,4 @@ def drop(model: Model, data: Measurements, spec: str) -> Step:
         raise EffectError(unknown("effect of the model", spec, have) if have else "the model has no effects to drop")
     before = identification.fit(data, model, model.level)
     after = identification.fit(data, replace(before.model, effects=kept), model.level)
-    return Step("drop", spec, before, after)
+    return _step("drop", spec, model, data, own, before, after)

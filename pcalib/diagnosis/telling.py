@@ -11,9 +11,11 @@ from pcalib import effects
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, Why
 from pcalib.diagnosis.evidence import Evidence
+from pcalib.diagnosis.held_out import Change
 from pcalib.diagnosis.patterns import Cell, spoken
 from pcalib.diagnosis.problem import Problem
-from pcalib.diagnosis.steps import SURE, Step, by_rotations, held_out_gain
+from pcalib.diagnosis.steps import Step
+from pcalib.diagnosis.verdict import Against
 from pcalib.fitting.identification import Accuracy, Fit
 from pcalib.wording import angle, clipped, deviation, figure, size
 
@@ -41,23 +43,73 @@ def one_per_effect(found: Diagnosis) -> list[Finding]:
 
 
 def sentence(found: Diagnosis) -> str:
-    """The verdict in plain words."""
+    """The verdict in plain words; it begins with the model as it stands where that does not fit."""
+    return " ".join(part for part in (_as_given(found), _verdict(found)) if part)
+
+
+def _as_given(found: Diagnosis) -> str:
+    """What speaks against the model as it stands; empty where nothing does, or where the verdict says the same."""
+    given, against = found.given, found.given.against
+    if Against.STALE in against:
+        held = "" if given.check is None else f", held-out rows {figure(given.check, 2)} times"
+        robust = " --loss huber" if len(found.problem.outliers.rows) else ""
+        why = ": rows that are far from everything have bent it" if robust else ""
+        return (
+            f"The model does not fit these data as it stands: {figure(given.fit, 2)} times the noise{held}{why}. "
+            f"Refit it ('pcalib fit …{robust}')."
+        )
+    if Against.HELD_OUT in against and found.verdict != "established":
+        assert given.check is not None
+        return f"The model does not fit the held-out rows: {figure(given.check, 2)} times the noise.{_beyond(found)}"
+    if Against.STATED in against and not found.sets and not hot_cells(found.cells):
+        times = figure(given.stated, 2)
+        return f"What is left over is {times} times the stated noise, and no replicates show a larger one."
+    return ""
+
+
+def _beyond(found: Diagnosis) -> str:
+    """Which conditions held-out rows have that rows to fit have not."""
+    fit, check = found.problem.given, found.checked
+    if check is None or not len(check):
+        return ""
+    names = []
+    pairs = [("payload", fit.payload, check.payload)]
+    pairs += [(spoken_column(c), v, check.columns[c]) for c, v in fit.columns.items() if c in check.columns]
+    pairs += [(f"tool {a}", fit.tool[:, i], check.tool[:, i]) for i, a in enumerate("xyz")]
+    for name, a, b in pairs:
+        spread = max(float(np.ptp(a)), 1e-9 * float(np.max(np.abs(b), initial=1.0)))
+        if np.mean((b > a.max() + 0.5 * spread) | (b < a.min() - 0.5 * spread)) > 0.2 and name not in names:
+            names.append(name)
+    if not names:
+        return ""
+    return f" They differ from the rows to fit in {' and '.join(names[:3])}: what acts there is missing."
+
+
+def spoken_column(name: str) -> str:
+    """A column of the data in words."""
+    return {"temp": "temperature"}.get(name, name.replace("temp_", "temperature of "))
+
+
+def _verdict(found: Diagnosis) -> str:
     if found.verdict == "nothing_missing":
         return "Nothing is missing: what the model leaves over looks like noise."
     if found.verdict == "established":
         return f"What is missing: {found.sets[0].words()}."
     if found.verdict == "ambiguous":
         if len(found.sets) == 1:
-            return f"Perhaps {found.sets[0].words()}, but held-out poses do not confirm it."
+            return f"Perhaps {found.sets[0].words()}; {', and '.join(found.sets[0].doubts)}."
         options = _or([" with ".join(n for n in e.names if n not in found.established) for e in found.sets])
         sure = f"{' and '.join(found.established)} in any case, and with it " if found.established else ""
         return f"Something is missing: {sure}{options}. These poses cannot tell which."
-    odd = found.problem.outliers
-    if odd.too_many and not hot_cells(found.cells):
+    odd, hot = found.problem.outliers, hot_cells(found.cells)
+    if odd.too_many and not hot:
         what = "what the others leave over looks like noise" if not odd.kept else "too many to set them aside"
         return f"{len(odd.rows)} of {len(found.problem.given)} rows are far from everything: look at them; {what}."
-    hot = _where(found.cells)
-    return f"Something is missing, and no effect of the library explains it. {hot}"
+    if found.given.against and not hot:
+        if Against.HELD_OUT in found.given.against and Against.STALE not in found.given.against:
+            return "Something is missing that the rows to fit do not show."
+        return "" if Against.STALE in found.given.against else "Something is missing, or σ is stated too small."
+    return f"Something is missing, and no effect of the library explains it. {_where(found.cells)}"
 
 
 def _or(options: Sequence[str]) -> str:
@@ -80,18 +132,18 @@ def place(cell: Cell) -> str:
 def details(found: Diagnosis) -> list[str]:
     """What to know beside the verdict, one sentence each."""
     out = [noise_sentence(found.problem), *far_rows(found.problem)]
-    for e in found.sets:
-        if e.held_out is not None:
-            before, after = e.held_out
-            out.append(
-                f"Held-out poses: χ² {before:.0f} → {after:.0f} with it"
-                + (", they confirm it." if after < before else ", they do not confirm it.")
-            )
+    out += [f"Held-out poses: {_held_out(e.held_out)}." for e in found.sets if e.held_out is not None]
     if found.verdict == "ambiguous" and len(found.sets) > 1:
         out.append("Until more is measured, any of them corrects poses like these equally well.")
     if not found.noise.verified and found.verdict in ("established", "ambiguous", "unexplained"):
         out.append("Without replicates this is a ranking rather than a proof.")
     return out
+
+
+def _held_out(change: Change) -> str:
+    """What held-out rows say of an explanation."""
+    said = "they confirm it" if change.confirmed else "they speak against it" if change.refuted else "within chance"
+    return f"χ² {change.before:.0f} → {change.after:.0f} of {change.readings} readings, {said}"
 
 
 def noise_sentence(made: Problem) -> str:
@@ -297,15 +349,15 @@ def step_sentence(step: Step) -> str:
     name = step.spec
     word = "With" if step.action == "add" else "Without"
     text = f"{word} {name} the fit leaves {size(b.accuracy.rms_pos)} RMS, before {size(a.accuracy.rms_pos)}"
-    gain = held_out_gain(a, b)
-    if a.check is None or b.check is None or gain is None:
-        return text + "; there are no held-out poses to confirm it."
-    turned = by_rotations(a, b)
+    held = step.held
+    if a.check is None or b.check is None or held is None or step.fell is None:
+        return text + "; there are too few held-out poses to confirm it."
+    turned = held.by_rotations
     text += f"; held-out poses {_apart(b.check, turned)}, before {_apart(a.check, turned)}"
     if step.action == "drop":
-        return text + (": it was needed." if gain < -SURE else ".")
-    if gain <= SURE:
-        return text + (": worse, drop it again." if gain < -SURE else ": no difference beyond chance.")
+        return text + (": it was needed." if held.refuted else ".")
+    if not held.confirmed:
+        return text + (": worse, drop it again." if held.refuted else ": no difference beyond chance.")
     left = np.sqrt(b.accuracy.chi2_dof)
     if b.accuracy.at_the_noise or not np.isfinite(left):
         return text + ": confirmed."
@@ -375,10 +427,7 @@ def evidence_lines(e: Evidence) -> list[str]:
             doubt = f"± {figure(sigma / factor, 2)}" if np.isfinite(sigma) else "± unknown"
             lines.append(f"{p.name.replace('_', ' ')} = {figure(value / factor)} {doubt} {unit} (linear, on its own)")
     if e.held_out is not None:
-        a, b = e.held_out
-        gain = held_out_gain(e.before, e.after) if e.before is not None and e.after is not None else None
-        said = "it confirms" if gain is not None and gain > SURE else "no better" if b >= a else "within chance"
-        lines.append(f"Held-out readings: {a:.2f} → {b:.2f} times the noise, {said}.")
+        lines.append(f"Held-out readings: {_held_out(e.held_out)}.")
     else:
         lines.append("No held-out rows (set = check) that could confirm it.")
     return lines

@@ -4,12 +4,69 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
+from pcalib.diagnosis.held_out import Change
 from pcalib.diagnosis.hypothesis import Hypothesis
 
 VERDICTS = ("nothing_missing", "established", "ambiguous", "unexplained")
+LOUD = 1.3
+"""Times the stated noise from which residuals are a misfit where no replicates show a larger noise: instruments' σ are
+stated to about a quarter."""
+RARE = 1e-3
+"""Chance of each test of the model as it stands: far below the rate of alarms, of which it takes nothing worth
+mentioning."""
+HELD_OUT = 5e-3
+"""Chance of the test on held-out rows: with the α of the search on the rows to fit it makes the rate of alarms."""
+
+
+class Doubt(StrEnum):
+    """Why the one explanation that is left is not established."""
+
+    NOTHING_HELD_OUT = "no rows are held out (set = check) that could confirm it"
+    UNCONFIRMED = "held-out rows do not confirm it"
+    FEW = "too few readings are left over to establish anything"
+    EDGE = "a parameter lies at the edge of its physical range"
+    FAR = "its parameters are many usual sizes large"
+    UNLIKE = "its arms or rods differ by more than parts of one make do"
+
+
+class Against(StrEnum):
+    """Why something is missing although the rows to fit, refitted, look like noise."""
+
+    STALE = "stale"
+    """The model as it stands does not fit the rows to fit; a refit does."""
+    HELD_OUT = "held_out"
+    """Held-out rows are further off than the noise and the doubt of the fit explain."""
+    STATED = "stated"
+    """What is left over is larger than the stated noise, and no replicates show a larger one."""
+
+
+@dataclass(frozen=True)
+class AsGiven:
+    """The model as it stands, without a refit, against the noise."""
+
+    fit: float
+    """RMS of the readings of the rows to fit in noise units, rows set aside left out."""
+    refit_p: float
+    """Probability that noise alone lets χ² fall as far as it does by a refit."""
+    check: float | None = None
+    """RMS of the readings of the held-out rows in noise units, gross rows left out; None without such rows."""
+    check_p: float = 1.0
+    """Probability of a larger χ² of the held-out rows, with the whole covariance and the doubt of the fit."""
+    stated: float = 1.0
+    """Noise that is left over, over the stated one, where no replicates stand behind it; else 1."""
+
+    @property
+    def against(self) -> tuple[Against, ...]:
+        """What speaks against the model as it stands."""
+        found = {
+            Against.STALE: self.refit_p < RARE, Against.HELD_OUT: self.check_p < HELD_OUT,
+            Against.STATED: self.stated > LOUD,
+        }  # fmt: skip
+        return tuple(reason for reason, holds in found.items() if holds)
 
 
 @dataclass(frozen=True)
@@ -23,8 +80,12 @@ class Explanation:
     """[SI] least-squares parameters of each and their 1σ, linearised; empty arrays for levels of the geometry."""
     bic: float
     """Bayesian information criterion; it orders, and never decides."""
-    held_out: tuple[float, float] | None = None
-    """χ² of the check rows before and after a full refit; None without check rows."""
+    at_edge: bool = False
+    """A parameter lies at the edge of its physical range."""
+    held_out: Change | None = None
+    """What held-out rows say after a full refit; None where it was not asked, or where no row is held out."""
+    doubts: tuple[Doubt, ...] = ()
+    """Why it is not established, even where no other explanation is left."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -47,21 +108,13 @@ def decide(sets: Sequence[Explanation]) -> tuple[str, tuple[str, ...]]:
         return "unexplained", ()
     if sets[0].names == ():
         return "nothing_missing", ()
-    shared = set(sets[0].names)
-    for other in sets[1:]:
-        shared &= set(other.names)
-    established = tuple(sorted(shared))
-    if len(sets) == 1 and not _contradicted(sets[0]):
-        return "established", established
-    return "ambiguous", () if len(sets) == 1 else established
+    sure = () if sets[0].doubts else shared(sets)
+    return "established" if len(sets) == 1 and sure else "ambiguous", sure
 
 
-def _contradicted(explanation: Explanation) -> bool:
-    """Whether held-out rows speak against it: their error has to fall."""
-    if explanation.held_out is None:
-        return False
-    before, after = explanation.held_out
-    return after >= before
+def shared(sets: Sequence[Explanation]) -> tuple[str, ...]:
+    """Names that all sets have in common, sorted."""
+    return tuple(sorted(set.intersection(*(set(e.names) for e in sets))))
 
 
 def refuted(tested: Sequence[str], sets: Sequence[Explanation]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pcalib.diagnosis import adequacy
-from pcalib.diagnosis.screen import Group, Noise, screen
+from pcalib.diagnosis.screen import Group, Known, screen
 
 M = 120
 LEVEL = adequacy.AGAINST[0]
@@ -33,7 +33,7 @@ def build(seed, theta=None, dof=np.inf, noise=1.0, n_draws=600):
     level = np.sqrt(rng.chisquare(dof) / dof) * noise if np.isfinite(dof) else 1.0
     groups = [Group(n, c / level, np.ones(c.shape[1])) for n, c in columns.items() if n != "unlisted"]
     made = screen(
-        y / level, nuisance / level, groups, Noise(np.zeros(M, int), np.array([dof])), n_draws=n_draws, seed=seed
+        y / level, nuisance / level, groups, Known(np.zeros(M, int), np.array([dof])), n_draws=n_draws, seed=seed
     )
     return made
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcalib.diagnosis import adequacy
-from pcalib.diagnosis.screen import Group, Noise, Search, screen, smallest_seen, visible_size
+from pcalib.diagnosis.screen import Group, Known, Search, screen, smallest_seen, visible_size
 
 M = 100
 
@@ -16,7 +16,7 @@ def made(dof=np.inf, d=1, y=None, trials=1.0):
     groups = [Group("x", rng.standard_normal((M, d)) * 7, np.ones(d), search=Search(trials))]
     groups += [Group(f"g{i}", rng.standard_normal((M, 3)), np.ones(3)) for i in range(6)]
     y = np.zeros(M) if y is None else y
-    return screen(y, np.zeros((M, 0)), groups, Noise(np.zeros(M, int), np.array([dof])), n_draws=2000)
+    return screen(y, np.zeros((M, 0)), groups, Known(np.zeros(M, int), np.array([dof])), n_draws=2000)
 
 
 def test_known_values():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from pcalib.diagnosis import adequacy
-from pcalib.diagnosis.screen import Group, Noise, misfit, outside, project_out, screen, span
+from pcalib.diagnosis.screen import Group, Known, misfit, outside, project_out, screen, span
 
 M = 150
 
@@ -23,7 +23,7 @@ def arrays(seed=0, n_groups=5, width=3):
 
 def known(classes=None):
     classes = np.zeros(M, int) if classes is None else classes
-    return Noise(classes, np.full(classes.max() + 1, np.inf))
+    return Known(classes, np.full(classes.max() + 1, np.inf))
 
 
 def rss(columns, y):
@@ -127,7 +127,7 @@ def test_draws_have_the_covariance_of_white_noise():
 def test_draws_carry_the_doubt_about_the_noise_level():
     """With ν degrees of freedom per class a draw's T/d follows F(d, ν) within one class."""
     _, nuisance, groups = arrays()
-    noise = Noise(np.zeros(M, int), np.array([12.0]))
+    noise = Known(np.zeros(M, int), np.array([12.0]))
     found = screen(np.zeros(M), nuisance, groups, noise, n_draws=20000)
     T = np.sum((found.draws @ found.blocks[0]) ** 2, axis=1)
     assert stats.kstest(T / 3, stats.f(3, 12).cdf).pvalue > 0.01
@@ -137,7 +137,7 @@ def test_draws_carry_the_doubt_about_the_noise_level():
 
 def test_interpolated_p_values_are_near_the_exact_ones():
     _, nuisance, groups = arrays()
-    found = screen(np.zeros(M), nuisance, groups, Noise(np.zeros(M, int), np.array([30.0])), n_draws=10)
+    found = screen(np.zeros(M), nuisance, groups, Known(np.zeros(M, int), np.array([30.0])), n_draws=10)
     T = np.random.default_rng(0).chisquare(3, (500, 4)) * 2
     d = np.array([1, 3, 3, 12])
     np.testing.assert_allclose(found.p_of_draws(T, d), found.p_value(T, d), rtol=2e-3)
@@ -161,7 +161,7 @@ def test_the_misfit_of_pure_noise_is_uniform(from_rest):
         y = rng.standard_normal(M)
         rest = project_out(y, U)
         level = np.sqrt((rest @ rest if from_rest else rng.chisquare(nu)) / nu)
-        noise = Noise(np.zeros(M, int), np.array([float(nu)]))
+        noise = Known(np.zeros(M, int), np.array([float(nu)]))
         scaled = [Group(g.name, g.columns / level, g.scale) for g in groups]
         p.append(misfit(screen(y / level, nuisance / level, scaled, noise, from_rest=from_rest, n_draws=2)).p)
     assert stats.kstest(p, "uniform").pvalue > 0.001

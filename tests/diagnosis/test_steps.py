@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from pcalib.diagnosis import telling
-from pcalib.diagnosis.steps import SURE, add, by_rotations, drop, held_out_gain
+from pcalib.diagnosis.held_out import HeldOut
+from pcalib.diagnosis.problem import problem
+from pcalib.diagnosis.steps import add, drop
 from pcalib.errors import InputError
 from pcalib.fitting import identification
 
@@ -19,12 +21,9 @@ def completed(measured, robot):
     return add(identification.fit(data, robot, "model24").model, data, "complete")
 
 
-def test_what_only_rotations_ask_for_is_confirmed(completed):
-    error = np.hstack([completed.after.error[:, :3], completed.before.error[:, 3:]])
-    check = replace(completed.before.check, rms_pos=completed.after.check.rms_pos)
-    step = replace(completed, before=replace(completed.before, error=error, check=check))
-    gain = held_out_gain(step.before, step.after)
-    assert gain is not None and gain > SURE and by_rotations(step.before, step.after)
+def test_what_rotations_ask_for_is_said_with_rotations(completed):
+    assert completed.held.confirmed and completed.fell
+    step = replace(completed, held=replace(completed.held, by_rotations=True))
     said = telling.step_sentence(step)
     assert said.count("µrad") == 2 and "no difference" not in said
     rows = telling.before_after(step.before, step.after)
@@ -34,9 +33,23 @@ def test_what_only_rotations_ask_for_is_confirmed(completed):
 def test_rotations_that_neither_level_explains_do_not_count(measured, robot):
     data, _ = measured(seed=3)
     step = add(identification.fit(data, robot, "classical").model, data, "model24")
-    gain = held_out_gain(step.before, step.after)
-    assert gain is not None and gain > SURE and not by_rotations(step.before, step.after)
+    assert step.held.confirmed and not step.held.by_rotations
+    assert step.held.readings == 3 * data.check.sum()
     assert "µrad" not in telling.step_sentence(step)
+
+
+def test_chance_confirms_what_is_wrong_as_rarely_as_it_says(measured, robot):
+    """Held-out noise drawn again: the t of a wrong effect is standard normal, that of nothing at all is 0."""
+    data, model = measured()
+    held = HeldOut.of(problem(model, data), data)
+    step = add(model, data, "gear_ratio:arm")
+    a, b = (held.residual(m) for m in (step.before.model, step.after.model))
+    rng = np.random.default_rng(0)
+    change = held.whitener @ (a - b)
+    t = [held._errors(change, rng.standard_normal(len(a))) for _ in range(2000)]
+    assert 0.005 < np.mean(np.array(t) > 2.0) < 0.04
+    nothing = held.change(model, model)
+    assert nothing.t == 0 and not nothing.confirmed and not nothing.refuted
 
 
 def test_what_helps_and_is_not_all_is_not_confirmed(completed):

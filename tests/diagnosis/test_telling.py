@@ -17,9 +17,9 @@ from pcalib.diagnosis import figures, telling
 from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.diagnose import Why, diagnose
 from pcalib.diagnosis.evidence import evidence
+from pcalib.diagnosis.held_out import Change
 from pcalib.diagnosis.hypothesis import Hypothesis, Kind
-from pcalib.diagnosis.steps import held_out_gain
-from pcalib.diagnosis.verdict import Explanation
+from pcalib.diagnosis.verdict import Doubt, Explanation
 from pcalib.effects import Contribution, Effect, EffectParameter, get
 from pcalib.fitting import identification
 
@@ -114,16 +114,17 @@ class TestEvidence:
     def test_held_out_figures_count_what_the_verdict_on_them_counts(self, measured, robot):
         data, _ = measured((("drive_compliance", 1.0),), seed=3)
         e = evidence(identification.fit(data, robot, "model24").model, data, "drive_compliance")
-        gain = held_out_gain(e.before, e.after)
-        assert (e.held_out[1] < e.held_out[0]) == (gain > 0) and e.held_out[0] < 15
+        held = e.held_out
+        assert (held.after < held.before) == (held.t > 0) and held.times_before < 15
 
 
 def test_wording_of_the_first_sentence(measured):
     found = diagnose(*reversed(measured((("backlash", 0.3),))), n_draws=256)
-    refused = replace(found.sets[0], held_out=(100.0, 101.0))
+    chance = Change(100.0, 99.0, 180, 30, 1.0, False)
+    refused = replace(found.sets[0], held_out=chance, doubts=(Doubt.UNCONFIRMED,))
     once = replace(found, verdict="ambiguous", sets=(refused,))
-    assert telling.sentence(once).endswith("but held-out poses do not confirm it.")
-    assert any("do not confirm it" in line for line in telling.details(once))
+    assert telling.sentence(once).endswith("; held-out rows do not confirm it.")
+    assert any("100 → 99 of 180 readings, within chance" in line for line in telling.details(once))
     many = [Explanation((Hypothesis(Kind.EFFECT, f"e{i}", f"e{i}"),), (), (), 0.0) for i in range(7)]
     assert "e4 or e5." in telling.sentence(replace(found, verdict="ambiguous", sets=tuple(many[:6]), established=()))
     assert "one of 2 more." in telling.sentence(replace(found, verdict="ambiguous", sets=tuple(many), established=()))

@@ -65,9 +65,9 @@ def contradictions(made: Set) -> tuple[str, list[str]]:
                 out.append(f"add {spec}: no difference beyond chance in held-out rows")
             if not explained.in_range or not explained.finding.adequate:
                 out.append(f"explain {spec}: out of range or not adequate")
-            if held is not None and held[1] >= held[0]:
+            if held is not None and held.after >= held.before:
                 out.append(f"explain {spec}: held-out errors rise")
-        elif found.verdict == "nothing_missing" and fell and held is not None and held[1] < 0.9 * held[0]:
+        elif found.verdict == "nothing_missing" and fell and held is not None and held.after < 0.81 * held.before:
             out.append(f"add {spec}: held-out errors fall by a tenth or more, where nothing is missing")
     return in_words(found), out
 

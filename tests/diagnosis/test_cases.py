@@ -1,0 +1,83 @@
+"""Data sets with a right answer, made by simulators that share nothing with this project."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from pcalib import modelfile
+from pcalib import robot as robots
+from pcalib.data import measurement
+from pcalib.diagnosis import telling
+from pcalib.diagnosis.diagnose import Diagnosis, diagnose
+from pcalib.diagnosis.verdict import Against, Doubt
+from pcalib.fitting import identification
+from pcalib.model import Model
+
+CASES = Path(__file__).parent / "cases"
+
+
+def fitted(name: str, robot: str, level: str = "complete", **options) -> Model:
+    nominal = robots.load(CASES / f"{robot}.toml")
+    return identification.fit(measurement.load(CASES / f"{name}.csv", nominal), nominal, level, **options).model
+
+
+@cache
+def diagnosed(name: str, robot: str = "delta_a", level: str = "complete") -> Diagnosis:
+    model = fitted(name, robot, level)
+    return diagnose(model, measurement.load(CASES / f"{name}.csv", model.robot))
+
+
+def judged(model: Model, name: str) -> Diagnosis:
+    return diagnose(model, measurement.load(CASES / f"{name}.csv", model.robot))
+
+
+def test_a_true_effect_that_nothing_confirmed_is_not_established():
+    found = diagnosed("nocheck")
+    assert found.verdict == "ambiguous" and not found.established
+    assert [e.names for e in found.sets] == [("backlash",)] and Doubt.NOTHING_HELD_OUT in found.sets[0].doubts
+    assert "no rows are held out" in telling.sentence(found)
+
+
+def test_the_model_of_another_robot_does_not_fit():
+    found = judged(fitted("n12_0", "delta_a"), "temp_split1")
+    assert found.verdict == "unexplained" and found.given.against[0] is Against.STALE
+    assert telling.sentence(found).startswith("The model does not fit these data as it stands: 49 times the noise")
+
+
+def test_a_model_of_a_session_before_an_endstop_slipped():
+    found = judged(modelfile.load(CASES / "first_session.toml"), "second_session")
+    assert found.verdict == "unexplained" and 40 < found.given.fit < 45
+
+
+def test_outliers_that_bent_the_model_are_said_to_have_bent_it():
+    found = diagnosed("outl4")
+    assert found.verdict == "unexplained" and len(found.problem.outliers.rows) == 3
+    assert "--loss huber" in telling.sentence(found)
+    model = fitted("outl4", "delta_a", loss="huber")
+    assert judged(model, "outl4").verdict == "nothing_missing"
+
+
+@pytest.mark.parametrize(("name", "condition"), [("payload_split2", "payload"), ("temp_split1", "temperature")])
+def test_what_only_held_out_rows_show_is_missing(name, condition):
+    found = diagnosed(name)
+    assert found.verdict != "nothing_missing" and Against.HELD_OUT in found.given.against
+    assert condition in telling.sentence(found).partition(". Something")[0]
+
+
+def test_contacts_of_a_level_bed_are_noise():
+    assert diagnosed("bed_level", "printer", "firmware6").verdict == "nothing_missing"
+
+
+def test_contacts_of_a_tilted_bed_show_the_level_that_tilts():
+    found = diagnosed("bed_tilted", "printer", "firmware6")
+    assert [e.names for e in found.sets] == [("tower_lean",)]
+    assert judged(fitted("bed_tilted", "printer", "tower_lean"), "bed_tilted").verdict == "nothing_missing"
+
+
+def test_a_bound_that_excludes_the_truth_is_a_misfit():
+    model = fitted("bound", "bound", bounds={"l11": (-0.5e-3, 0.5e-3)})
+    assert judged(model, "bound").verdict == "unexplained"
+    assert judged(fitted("bound", "bound"), "bound").verdict == "nothing_missing"
