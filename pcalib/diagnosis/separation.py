@@ -199,7 +199,7 @@ class _Columns:
         E = self.effects[rows].reshape(-1, self.effects.shape[-1])
         # Rows of the prior below the Jacobian make (JᵀJ + I)⁻¹ a projection: R of one QR, and no normal equations.
         stacked = np.vstack([np.hstack([J, E]), np.hstack([np.eye(J.shape[1]), np.zeros((J.shape[1], E.shape[1]))])])
-        R = np.linalg.qr(stacked, mode="r")[J.shape[1] :, J.shape[1] :]
+        R = np.asarray(np.linalg.qr(stacked, mode="r"))[J.shape[1] :, J.shape[1] :]
         return R.T @ R
 
 

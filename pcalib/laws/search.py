@@ -255,7 +255,7 @@ class _Search:
                         largest = T_noise[d == columns].max(axis=0)
                         null = np.minimum(null, self.p_value(largest, np.full(DRAWS, columns)))
                 extra = companions[k - 1].shape[1] if k else 0
-                for i in np.flatnonzero(moves & (d > 0)):
+                for i in np.flatnonzero(moves & (d > 0)).tolist():
                     law = Law(channel, sharing, found[i], places)
                     cost = (int(d[i]) + extra + law.term.shape.searched) * np.log(len(self.y))
                     gain = float(T[i, 0]) + level

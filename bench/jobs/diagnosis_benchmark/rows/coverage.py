@@ -72,7 +72,7 @@ def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
     error = seen.residual
     covariance = seen.jacobian @ fit.covariance @ seen.jacobian.T
     distance = float(error @ np.linalg.solve(covariance, error))
-    return f"{np.sqrt(distance):.2f} σ", {"inside": distance <= chi2.ppf(SURE, 3)}
+    return f"{np.sqrt(distance):.2f} σ", {"inside": distance <= float(chi2.ppf(SURE, 3))}
 
 
 ROW = Row(
