@@ -124,19 +124,6 @@ def about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return exp(np.asarray(angle, float)[..., None] * np.asarray(axis, float))
 
 
-def check(R: np.ndarray, tolerance: float = 1e-9) -> np.ndarray:
-    """R itself, asserted to be in SO(3): orthonormal with determinant +1.
-
-    Raises:
-        ValueError: some matrix of the batch is no rotation.
-    """
-    R = np.asarray(R, float)
-    off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0)
-    if not off <= tolerance or not np.all(np.linalg.det(R) > 0):
-        raise ValueError(f"not a rotation matrix: |R·Rᵀ − I| = {off:.1e}, or its determinant is not +1")
-    return R
-
-
 def transposed(R: np.ndarray) -> np.ndarray:
     """Rᵀ of every matrix, in memory of its own: products with it take half the time."""
     return np.ascontiguousarray(np.swapaxes(R, -1, -2))

@@ -17,7 +17,6 @@ NOT_OF_A_ROBOT = {"actuation", "levels", "start", "plate_points", "plate_columns
 """Members of `robot.mechanism` that hold kinematics, not names and nominal values."""
 STILL_UP = {
     ("bench.jobs.demo_report", "bench.jobs.demo"),
-    ("pcalib.effects.user", "pcalib.effects"),
 }
 """Arrows that lead back up and wait for their mending: none may be added."""
 

@@ -23,7 +23,6 @@ def turns(draw, largest=np.pi):
 @given(turns(7.0))
 def test_exp_is_scipys(v):
     np.testing.assert_allclose(rotation.exp(v), Rotation.from_rotvec(v).as_matrix(), atol=1e-14)
-    rotation.check(rotation.exp(v), 1e-14)
 
 
 @given(turns())
@@ -88,15 +87,10 @@ def test_about_turns_by_hand():
     np.testing.assert_array_equal(R[1], np.eye(3))
 
 
-def test_check_refuses_what_is_no_rotation():
-    for wrong in (np.diag([1.0, 1.0, -1.0]), 1.001 * np.eye(3), np.full((3, 3), np.nan), np.zeros((3, 3))):
-        with pytest.raises(ValueError, match="not a rotation"):
-            rotation.check(np.stack([np.eye(3), wrong]))
-
-
 def test_renormalise_brings_back_a_drifted_rotation():
     R = rotation.exp(np.array([0.3, -0.2, 0.5])) + 1e-7 * np.random.default_rng(0).normal(size=(3, 3))
-    rotation.check(rotation.renormalise(R), 1e-12)
+    fixed = rotation.renormalise(R)
+    np.testing.assert_allclose(fixed @ fixed.T, np.eye(3), atol=1e-12)
     assert np.abs(rotation.renormalise(R) - R).max() < 1e-6
 
 

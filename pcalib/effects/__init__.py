@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
+from pcalib.effects.library import LIBRARY as LIBRARY
 from pcalib.effects.library import LibraryEffect, Places
 from pcalib.errors import EffectError
-from pcalib.registry import Registry
 from pcalib.robot import Robot
 
 __all__ = [
@@ -30,10 +30,6 @@ __all__ = [
 ]
 
 
-LIBRARY = Registry[type[LibraryEffect]](
-    __name__, "EFFECT", "effect", error=EffectError, helpers=("base", "library", "user"),
-    remedy="an effect of your own is given as file.py:ClassName",
-)  # fmt: skip
 names = LIBRARY.names
 
 

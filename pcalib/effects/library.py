@@ -17,6 +17,7 @@ from pcalib import rotation, units
 from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
 from pcalib.errors import EffectError
 from pcalib.mechanics.mechanism import Mechanism
+from pcalib.registry import Registry
 from pcalib.wording import figure
 
 
@@ -88,6 +89,12 @@ class LibraryEffect(Effect):
             said = [f"{m} {self.say(quantity, v)}".lstrip() for m, v in zip(members, values, strict=True)]
             clauses.append(f"{quantity.name.replace('_', ' ')} {', '.join(said)}")
         return "; ".join(clauses)
+
+
+LIBRARY = Registry[type[LibraryEffect]](
+    "pcalib.effects", "EFFECT", "effect", error=EffectError, helpers=("base", "library", "user"),
+    remedy="an effect of your own is given as file.py:ClassName",
+)  # fmt: skip
 
 
 class PlacedEffect(LibraryEffect):

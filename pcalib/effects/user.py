@@ -19,6 +19,7 @@ import numpy as np
 
 from pcalib import files, units
 from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
+from pcalib.effects.library import LIBRARY
 from pcalib.errors import EffectError, InputError, unknown
 from pcalib.mechanics.mechanism import Mechanism
 from pcalib.robot import Robot
@@ -198,15 +199,13 @@ def _call(file: Path, what: str, run: Callable[[], Any]) -> Any:
 
 def _declared(effect: UserEffect) -> None:
     """Check what the class says of itself, and complete its title."""
-    from pcalib import effects
-
     def bad(problem: str, remedy: str = "") -> EffectError:
         return EffectError(f"{effect.file}: {effect.kind.__name__}: {problem}" + (f"\n  {remedy}" if remedy else ""))
 
     name, declared, needs = effect.name, effect.parameters, effect.needs
     if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise bad(f"name is {name!r}", 'write e.g. name = "worm_gear": small letters, digits, _')
-    if name in effects.names():
+    if name in LIBRARY.names():
         raise bad(f"'{name}' is an effect of the library", "choose another name")
     if not isinstance(declared, (tuple, list)) or not declared:
         raise bad("parameters is missing or empty", 'write parameters = (EffectParameter("amplitude", "urad", 1e-4),)')
