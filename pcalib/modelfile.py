@@ -19,14 +19,28 @@ from pcalib import files, robot, rotation, units
 from pcalib.errors import EffectError, InputError, unknown
 from pcalib.mechanics.mechanism import Level, Mechanism
 from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Frame, Model
+from pcalib.settings import ABSENT, Setting, is_number, read
 
 SCHEMA = "pcalib.model/1"
 _AGAIN = "the file is damaged or was edited: write it anew with 'pcalib fit … -o'"
-_LARGEST = 1e150
-"""Numbers beyond this are no numbers of a robot, and overflow when they are squared."""
+_LARGEST = 1e100
+"""Numbers beyond this are no numbers of a robot, and overflow when they are squared, whatever their unit."""
 _CHOICES = {"method": METHODS, "loss": LOSSES}
 """How a fit can be made, the default first."""
 _EDGE = {"m": ("mm", 1e-3), "rad": ("deg", np.pi / 180), "1": ("", 1.0)}
+_PARAMETER = {
+    unit: (
+        Setting("nominal", dimension, ABSENT),
+        Setting("value", dimension, low=-_LARGEST, high=_LARGEST),
+        Setting("sigma", dimension, np.nan, low=0.0, high=_LARGEST),
+    )
+    for unit, dimension in (("m", "length"), ("rad", "angle"), ("1", "number"))
+}
+"""What the section of a parameter holds, by its SI unit."""
+_FRAME = tuple(
+    Setting(name, dimension, low=-_LARGEST, high=_LARGEST, count=3)
+    for name, dimension in (("translation", "length"), ("rotation", "angle"), ("target_offset", "length"))
+)
 
 
 def edge(name: str, unit: str) -> tuple[str, float]:
@@ -95,9 +109,8 @@ def loads(text: str, source: str | Path = "model", effect_files: Iterable[str] =
             f"not a model file ({said}, wanted '{SCHEMA}')", file=source, remedy="write one with 'pcalib fit … -o'"
         )
     try:
-        return _from_table(table, list(effect_files))
-    except InputError as error:
-        raise InputError(error.problem, file=source, remedy=error.remedy or _AGAIN) from None
+        with files.locating(text, source, _AGAIN):
+            return _from_table(table, list(effect_files))
     except EffectError as error:
         raise EffectError(f"{source}: {error}") from None
 
@@ -109,23 +122,18 @@ def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
     given = _table(table, "parameters")
     for name in given:
         if name not in mechanism.parameters:
-            raise InputError(f"parameter '{name}' is not one of robot kind {described.kind}")
+            raise InputError(f"parameter '{name}' is not one of robot kind {described.kind}", key=name)
     k, sigma = np.empty(len(mechanism.parameters)), np.full(len(mechanism.parameters), np.nan)
     for i, (name, unit) in enumerate(zip(mechanism.parameters, mechanism.units, strict=True)):
-        entry = _table(given, name, "parameter ")
-        (value, factor), (spread, _), (drawn, _) = (edge(key, unit) for key in ("value", "sigma", "nominal"))
-        for key in entry:
-            if key not in (value, spread, drawn):
-                raise InputError(f"parameter {name}: {unknown('key', key, (drawn, value, spread))}")
-        k[i] = _number(entry, value, f"parameter {name}") * factor
-        if spread in entry:
-            sigma[i] = _sigma(entry, spread, f"parameter {name}") * factor
+        entry = read(_table(given, name, "parameters."), _PARAMETER[unit], f"parameters.{name}")
+        k[i], sigma[i] = entry["value"], entry["sigma"]
     effects = tuple(_effect_from(entry, described, effect_files) for entry in _tables(table, "effects"))
     frame = _frame_from(_table(table, "frame")) if "frame" in table else None
     known = sigma if np.isfinite(sigma).any() else None
     level = _level(table, mechanism)
     options = _options_from(table, mechanism.levels[level])
-    origin = _number(table, "time_origin_s", "model") if "time_origin_s" in table else None
+    times = {key: value for key, value in table.items() if key == "time_origin_s"}
+    origin = read(times, (Setting("time_origin", "time", ABSENT),), "model").get("time_origin")
     return Model(described, k, level, effects, frame, known, options, origin, _history(table))
 
 
@@ -258,10 +266,8 @@ def _frame_table(frame: Frame) -> dict[str, Any]:
 
 
 def _frame_from(table: Mapping[str, Any]) -> Frame:
-    turn, shift, offset = (
-        _vector(table, key, 3, "frame") for key in ("rotation_deg", "translation_mm", "target_offset_mm")
-    )
-    return Frame(rotation.exp(np.radians(turn)), shift * 1e-3, offset * 1e-3)
+    said = read(table, _FRAME, "frame")
+    return Frame(rotation.exp(said["rotation"]), said["translation"], said["target_offset"])
 
 
 def _level(table: Mapping[str, Any], mechanism: Mechanism) -> str:
@@ -287,7 +293,7 @@ def _tables(table: Mapping[str, Any], key: str, where: str = "") -> list[Mapping
 
 
 def _finite(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < _LARGEST
+    return is_number(value) and abs(value) < _LARGEST
 
 
 def _number(table: Mapping[str, Any], key: str, where: str) -> float:

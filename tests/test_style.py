@@ -13,7 +13,7 @@ TESTS = {"startswith", "endswith", "find", "index", "match", "search", "fullmatc
 WAITING = {
     "getattr": {"bench/jobs/campaign/trial.py"},
     "text": {
-        "bench/jobs/campaign/cell.py", "pcalib/diagnosis/figures.py", "pcalib/diagnosis/telling.py", "pcalib/robot.py",
+        "pcalib/diagnosis/figures.py", "pcalib/diagnosis/telling.py",
     },
     "names": set(),
 }  # fmt: skip
