@@ -1,20 +1,27 @@
-"""Reading and writing files: text with clear messages, and writes that are whole or not at all."""
+"""Reading files: text, TOML and JSON, with messages that name file, line and key. Writing is in `pcalib.outputs`."""
 
 from __future__ import annotations
 
 import json
-import os
+import math
 import re
-import shutil
-import tempfile
+import stat
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from pcalib.errors import InputError
+from pcalib.outputs import atomic as atomic
+from pcalib.outputs import atomic_folder as atomic_folder
+from pcalib.outputs import check_folder as check_folder
+from pcalib.outputs import check_places as check_places
+from pcalib.outputs import keeping_inputs as keeping_inputs
+from pcalib.outputs import may_rewrite as may_rewrite
+from pcalib.outputs import note_read
+from pcalib.outputs import write_text as write_text
 
 LARGEST_TEXT = 50_000_000
 """Characters of a TOML file: a spec that lists 1e5 robots of 60 errors each has as many."""
@@ -25,6 +32,27 @@ _DOTTED = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{DEEPEST}}
 """A dotted key of too many parts."""
 
 
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a file.
+
+    Raises:
+        InputError: the file is absent, a directory, a device or unreadable.
+    """
+    try:
+        if stat.S_ISCHR(path.stat().st_mode):
+            raise InputError("is a device, not a file", file=path, remedy="name a file")
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError("no such file", file=path, remedy="check the path") from None
+    except IsADirectoryError:
+        raise InputError("is a directory, not a file", file=path, remedy="name a file in it") from None
+    except (OSError, ValueError) as error:
+        said = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be read: {said}", file=path, remedy="check its name and its rights") from None
+    note_read(path)
+    return data
+
+
 def read_text(path: str | Path) -> str:
     """The text of a UTF-8 file.
 
@@ -32,14 +60,7 @@ def read_text(path: str | Path) -> str:
         InputError: the file is absent, a directory, unreadable, empty or not UTF-8.
     """
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError("no such file", file=path, remedy="check the path") from None
-    except IsADirectoryError:
-        raise InputError("is a directory, not a file", file=path, remedy="name a file in it") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file=path, remedy="check its rights") from None
+    data = read_bytes(path)
     if not data.strip():
         raise InputError("the file is empty", file=path, remedy="check that it was saved, and that it is the right one")
     try:
@@ -68,8 +89,8 @@ def parse_toml(text: str, source: str | Path, remedy: str) -> dict[str, Any]:
         problem, _, place = str(error).partition(" (at line ")  # before Python 3.14 the line stands in the text only
         line = int(number) if (number := place.partition(",")[0]).isdigit() else text.count("\n") + 1
         raise InputError(f"not valid TOML: {problem:.200}", file=source, line=line, remedy=remedy) from None
-    except ValueError:  # a whole number of more than 4300 digits
-        raise InputError("not valid TOML: a number of thousands of digits", file=source, remedy=remedy) from None
+    except ValueError:  # of int(), beyond 4300 digits
+        raise _too_long(text, "=").but(file=source, remedy=remedy) from None
     with locating(text, source, remedy):
         _check_tree(table)
     return table
@@ -87,13 +108,58 @@ def parse_json(text: str, source: str | Path, remedy: str) -> dict[str, Any]:
         raise InputError("not valid JSON: nested too deep", file=source, remedy=remedy) from None
     except json.JSONDecodeError as error:
         raise InputError(f"not valid JSON: {error.msg}", file=source, line=error.lineno, remedy=remedy) from None
-    except ValueError:  # a whole number of more than 4300 digits
-        raise InputError("not valid JSON: a number of thousands of digits", file=source, remedy=remedy) from None
+    except ValueError:  # of int(), beyond 4300 digits
+        raise _too_long(text, ":").but(file=source, remedy=remedy) from None
     if not isinstance(content, dict):
         raise InputError("not a JSON object", file=source, remedy=remedy)
     with locating("", source, remedy):
         _check_tree(content)
     return content
+
+
+def require_shape(value: Any, shape: Any, source: str | Path, remedy: str, where: str = "") -> None:
+    """Check the content of a JSON file.
+
+    Args:
+        shape: `str` or `float` (a finite number); a list of one shape, that of each item; a dict of the shapes of
+            required keys, or {"*": shape} for a dict with any keys; None beside a number is allowed by (float, None).
+
+    Raises:
+        InputError: the value, or a part of it, is of another shape; the message names the part.
+    """
+    def refuse(words: str) -> NoReturn:
+        name = f"'{where}'" if where else "the file"
+        raise InputError(f"{name} must be {words}, not {value!r:.40}", file=source, remedy=remedy)
+
+    if isinstance(shape, tuple):
+        if value is not None:
+            require_shape(value, shape[0], source, remedy, where)
+    elif isinstance(shape, list):
+        if not isinstance(value, list):
+            refuse("a list")
+        for i, item in enumerate(value):
+            require_shape(item, shape[0], source, remedy, f"{where}[{i}]")
+    elif isinstance(shape, dict):
+        if not isinstance(value, dict):
+            refuse("an object")
+        prefix = f"{where}." if where else ""
+        for key in shape.keys() - {"*"} - value.keys():
+            raise InputError(f"'{prefix}{key}' is missing", file=source, remedy=remedy)
+        for key in value if "*" in shape else shape:
+            require_shape(value[key], shape.get(key, shape.get("*")), source, remedy, f"{prefix}{key}")
+    elif shape is float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            refuse("a finite number")
+    elif not isinstance(value, shape):
+        refuse("text")
+
+
+def _too_long(text: str, equals: str) -> InputError:
+    """An error about the first whole number of thousands of digits, with its line and its key."""
+    digits = re.search(r"\d(?:_?\d){4300}", text)
+    line = text.count("\n", 0, digits.start()) + 1 if digits else 1
+    key = text.splitlines()[line - 1].partition(equals)[0].strip(' "')
+    return InputError(f"'{key:.80}' is a number of thousands of digits", line=line)
 
 
 def _check_tree(table: dict[str, Any]) -> None:
@@ -166,101 +232,3 @@ def _paths(text: str) -> Iterator[tuple[int, str]]:
             arrays[header] += 1
             header += f"[{arrays[header]}]"
         yield number, header
-
-
-@contextmanager
-def atomic(path: str | Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place when the block ends well, and vanishes when it does not.
-
-    Raises:
-        InputError: the folder is absent or cannot be written, or the disk is full.
-    """
-    path = Path(path)
-    if path.is_dir():
-        raise InputError("cannot write: it is a directory", file=path, remedy="name a file")
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        remedy = "name a folder that exists and is writable"
-        raise InputError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from None
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        temporary.replace(path)
-    except OSError as error:
-        remedy = "make room, or name another folder"
-        raise InputError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from None
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-@contextmanager
-def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """A temporary folder beside `path` whose content appears there when the block ends well, and not when it does not.
-
-    Raises:
-        InputError: the folder cannot be made or written, or the disk is full.
-    """
-    path = Path(path)
-    remedy = "name a folder that can be made, and make room"
-    check_folder(path)
-    try:  # in the nearest folder that exists: those above `path` are made at the end only
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=_nearest(path.absolute().parent)))
-    except OSError as error:
-        raise InputError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from None
-    try:
-        yield temporary
-        path.mkdir(parents=True, exist_ok=True)
-        there = [item.name for item in temporary.iterdir() if (path / item.name).is_dir()]
-        if there:
-            raise InputError(f"there is a folder '{there[0]}' in it already", file=path, remedy="name a new folder")
-        for item in temporary.iterdir():
-            item.replace(path / item.name)
-    except OSError as error:
-        raise InputError(f"cannot write: {error.strerror}", file=path, remedy=remedy) from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-def check_places(*paths: str | Path | None) -> None:
-    """Say before long work, not after it, that a result has no place to go; None is no result.
-
-    Raises:
-        InputError: a path is a directory, or its folder is absent or cannot be written.
-    """
-    for path in (Path(p) for p in paths if p is not None):
-        if path.is_dir():
-            raise InputError("cannot write: it is a directory", file=path, remedy="name a file")
-        folder = path.absolute().parent
-        if not (folder.is_dir() and os.access(folder, os.W_OK)):
-            what = "permission denied" if folder.is_dir() else "no such folder"
-            raise InputError(f"cannot write: {what}", file=path, remedy="name a folder that exists and is writable")
-
-
-def check_folder(path: str | Path | None) -> None:
-    """The same for a folder of results, which need not be there yet.
-
-    Raises:
-        InputError: it is a file, or cannot be made or written.
-    """
-    if path is None:
-        return
-    there = _nearest(Path(path).absolute())
-    if not (there.is_dir() and os.access(there, os.W_OK)):
-        what = "permission denied" if there.is_dir() else f"{there.name} is a file"
-        raise InputError(f"cannot make this folder: {what}", file=path, remedy="name a folder that can be made")
-
-
-def _nearest(folder: Path) -> Path:
-    """A path, or the nearest above it that exists."""
-    return folder if folder.exists() else next(p for p in folder.parents if p.exists())
-
-
-def write_text(path: str | Path, text: str) -> None:
-    """Write a text file atomically."""
-    with atomic(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

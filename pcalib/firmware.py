@@ -194,6 +194,11 @@ def configuration(model: Model) -> Configuration:
     q = found.q[found.ok & (found.q >= robot.joint_min).all(axis=1) & (found.q <= robot.joint_max).all(axis=1)]
     there, x = _nozzle(model, q, _conditions(model, len(q)))
     q, x, R = q[there.reached], x[there.reached], there.rotation[there.reached]
+    if x.size < 13:
+        raise InputError(
+            f"only {len(x)} points of the workspace can be reached within the joint range",
+            remedy="check [workspace] and [joints] of the robot file, as the model file carries it",
+        )
     q_home = robot.joint_max
     scale = model.k[[mechanism.index(f"s{i}") for i in (1, 2, 3)]]
 

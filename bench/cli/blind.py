@@ -13,16 +13,16 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption, OutputFolder
+from pcalib.cli.frame import JsonOption, OutputFolder, SeedOption, WorkersOption
 
 
 def command(
     *,
     output: OutputFolder,
     n: Annotated[int, Parameter(name="-n")] = 20,
-    seed: int = 0,
+    seed: SeedOption = 0,
     robot: Path | None = None,
-    workers: int = 1,
+    workers: WorkersOption = 1,
     json: JsonOption = None,
 ) -> None:
     """Write data sets with hidden faults whose truth lies sealed beside them.

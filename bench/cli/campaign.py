@@ -12,7 +12,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption, OutputFolder
+from pcalib.cli.frame import JsonOption, OutputFolder, WorkersOption
 
 
 def command(
@@ -20,7 +20,7 @@ def command(
     /,
     *,
     output: OutputFolder,
-    workers: int | None = None,
+    workers: WorkersOption | None = None,
     scheduler: str | None = None,
     figures: Annotated[bool, Parameter(negative="--no-figures")] = True,
     json: JsonOption = None,

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from pcalib.cli._tools import ToolsOption, tool_options
-from pcalib.cli.frame import JsonOption, OutputFolder, quantity
+from pcalib.cli.frame import JsonOption, OutputFolder, SeedOption, quantity
 
 
 def command(
@@ -25,7 +25,7 @@ def command(
     angle_error: Annotated[np.ndarray | None, quantity("angle")] = None,
     poses: int = 40,
     spacing: Annotated[np.ndarray | None, quantity("length")] = None,
-    seed: int = 5,
+    seed: SeedOption = 5,
     json: JsonOption = None,
 ) -> int:
     """Measure, calibrate, compensate and check a virtual robot, from millimetres off to on target.

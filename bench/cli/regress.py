@@ -12,7 +12,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption
+from pcalib.cli.frame import BesideOption, JsonOption, WorkersOption
 
 
 def command(
@@ -23,9 +23,9 @@ def command(
     update: bool = False,
     reason: str = "",
     speed: Annotated[bool, Parameter(negative="--no-speed")] = True,
-    workers: int = 1,
-    junit: Path | None = None,
-    markdown: Path | None = None,
+    workers: WorkersOption = 1,
+    junit: BesideOption = None,
+    markdown: BesideOption = None,
     json: JsonOption = None,
 ) -> int:
     """Compare a campaign's accuracy and speed with a committed baseline; for CI.
@@ -53,6 +53,9 @@ def command(
         raise InputError("--update needs a reason", remedy='--reason "why the figures may change"')
     if reason and not update:
         raise InputError("--reason goes with --update")
+    if update:
+        files.check_places(baseline)
+        files.may_rewrite([baseline])
     campaign = specs.load(spec)
     before = regress.load(baseline, campaign) if not update else regress.earlier(baseline)
     with frame.progress(campaign.name, campaign.n_trials, "robots") as advance:

@@ -14,21 +14,28 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption, RequiredOutput
+from pcalib.cli.frame import JsonOption, Reads, SeedOption, WorkersOption, Writes
+
+
+def sealed(output: Path) -> Path:
+    """The truth file that is written beside the data."""
+    from bench import simulate
+
+    return simulate.truth_path(output)
 
 
 def command(
     truth: Path,
     /,
     *,
-    output: RequiredOutput,
-    plan: str = "random",
+    output: Annotated[Path, Parameter(name=["--output", "-o"]), Writes(beside=sealed)],
+    plan: Annotated[str, Reads()] = "random",
     n: Annotated[int, Parameter(name="-n")] = 40,
     check: int = 0,
     tool: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
     payload: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
-    seed: int = 0,
-    workers: int = 1,
+    seed: SeedOption = 0,
+    workers: WorkersOption = 1,
     json: JsonOption = None,
 ) -> int:
     """Measure a virtual robot with hidden errors, and write a data file.
@@ -64,10 +71,6 @@ def command(
                 raise InputError(f"{option} '{text}' needs {size} number{'s' * (size > 1)}, not {len(value)}")
         return values
 
-    if workers < 1:
-        raise InputError(f"--workers {workers} can do no work", remedy="ask for at least one process")
-    if seed < 0:
-        raise InputError(f"--seed {seed} is negative", remedy="take any whole number from 0 on")
     hidden = truths.load(truth)
     tools = quantities(tool, "length", 3, "--tool")
     payloads = [float(v[0]) for v in quantities(payload, "mass", 1, "--payload")]
@@ -81,9 +84,9 @@ def command(
         made = plans.make(hidden.robot, plan, n, check=check, tools=tools, payloads=payloads, seed=seed)
     with frame.progress("measuring", len(made)) as advance:
         data = simulate.run(hidden, made, seed, workers, advance)
-    sealed = simulate.truth_path(output)
+    truth_file = simulate.truth_path(output)
     text = truths.dumps(hidden, {"plan": made.name, "seed": seed, "data": output.name})
-    with files.atomic(sealed) as fresh:  # both or neither: data whose truth is lost cannot be verified
+    with files.atomic(truth_file) as fresh:  # both or neither: data whose truth is lost cannot be verified
         fresh.write_text(text, encoding="utf-8")
         measurement.save(output, data.measurements)
 
@@ -96,13 +99,13 @@ def command(
         frame.say(f"{len(failed)} commands could not be carried out and are left out: rows {rows}")
     if len(data.lost):
         frame.say(f"the instrument lost {len(data.lost)} rows")
-    frame.say(f"{sealed}: the truth, sealed")
+    frame.say(f"{truth_file}: the truth, sealed")
     frame.write_json(
         json,
         {
             "schema": "pcbench.simulate/1",
             "data": output,
-            "truth": sealed,
+            "truth": truth_file,
             "plan": made.name,
             "seed": seed,
             "rows": len(data.kept),

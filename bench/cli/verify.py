@@ -16,7 +16,7 @@ from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles
 from pcalib.cli._tools import ToolsOption, tool_options
-from pcalib.cli.frame import JsonOption, quantity
+from pcalib.cli.frame import JsonOption, SeedOption, quantity
 
 
 def _named(name: str) -> Parameter:
@@ -42,7 +42,7 @@ def command(
     max_rp: Annotated[np.ndarray | None, quantity("length"), _named("--max-rp")] = None,
     max_failed: int | None = None,
     effect_file: EffectFiles = (),
-    seed: int = 0,
+    seed: SeedOption = 0,
     json: JsonOption = None,
 ) -> int:
     """Land a virtual robot by a calibrated model, with its faults in it, and judge where the TCP came to stand.

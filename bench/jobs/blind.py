@@ -175,6 +175,10 @@ def _case(kind: str, stage: Stage, size: float, rng: np.random.Generator) -> Cas
     return cases.nothing(stage)
 
 
+SHAPE = {"effects": [str], "faults": [{"fault": str}], "s": float, "s_outside": float}
+"""What a sealed JSON has to hold."""
+
+
 def facts_of(content: dict[str, Any]) -> Facts:
     """The facts of a sealed JSON."""
     return Facts(

@@ -79,12 +79,8 @@ def score(folder: Path) -> Score:
         if not answer.exists():
             missing.append(path.stem)
             continue
-        try:
-            facts = blind.facts_of(truth)
-        except KeyError as error:
-            raise InputError(f"'{error.args[0]}' is missing", file=path, remedy=SEALED_BY) from None
-        except (TypeError, ValueError) as error:
-            raise InputError(f"a fact is of the wrong kind: {error}", file=path, remedy=SEALED_BY) from None
+        files.require_shape(truth, blind.SHAPE, path, SEALED_BY)
+        facts = blind.facts_of(truth)
         said = files.parse_json(files.read_text(answer), answer, WRITTEN_BY)
         names.append(path.stem)
         designs.append(str(truth.get("design", "")))

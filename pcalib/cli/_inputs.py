@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from pcalib.cli.frame import Reads
 from pcalib.data.measurement import Measurements
 from pcalib.effects.base import Effect
 from pcalib.errors import InputError
@@ -24,8 +25,15 @@ def own_effects(_: Any, specs: tuple[str, ...]) -> None:
             )
 
 
+def file_of(spec: str) -> str:
+    """The file of an effect of the user's own; '' for one of the library."""
+    return spec.rpartition(":")[0]
+
+
+EffectSpec = Annotated[str, Reads(file_of)]
 EffectFiles = Annotated[
     tuple[str, ...],
+    Reads(file_of),
     Parameter(
         name=["--effect", "--effect-file"],
         validator=own_effects,

@@ -10,17 +10,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli.frame import JsonOption, OutputOption, write_json
+from pcalib.cli._inputs import EffectFiles, EffectSpec, ModelOption
+from pcalib.cli.frame import JsonOption, RewriteOption, write_json
 
 
 def command(
-    effect: str,
+    effect: EffectSpec,
     data: Path,
     /,
     *,
     model: ModelOption,
-    output: OutputOption = None,
+    output: RewriteOption = None,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:

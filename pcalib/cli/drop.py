@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli.frame import JsonOption, OutputOption, write_json
+from pcalib.cli.frame import JsonOption, RewriteOption, write_json
 
 
 def command(
@@ -18,7 +18,7 @@ def command(
     /,
     *,
     model: ModelOption,
-    output: OutputOption = None,
+    output: RewriteOption = None,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:

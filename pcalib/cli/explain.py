@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli._inputs import EffectFiles, EffectSpec, ModelOption
 from pcalib.cli.frame import BesideOption, JsonOption, say, show_table, write_json
 
 
 def command(
-    effect: str,
+    effect: EffectSpec,
     data: Path,
     /,
     *,

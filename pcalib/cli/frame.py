@@ -31,10 +31,9 @@ import math
 import os
 import sys
 import textwrap
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -42,66 +41,59 @@ from cyclopts import App, Parameter
 from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnusedCliTokensError
 from cyclopts.validators import Number
 
-from pcalib.errors import PcalibError, unknown
+from pcalib.cli import _guard
+from pcalib.cli._guard import BAD_INPUT, INTERRUPTED, NOT_HELD, OK, PIPE_CLOSED, UNFORESEEN, fail
+from pcalib.cli._places import (
+    BesideOption,
+    JsonOption,
+    OutputFolder,
+    OutputOption,
+    Reads,
+    RequiredOutput,
+    RewriteOption,
+    Writes,
+    check,
+)  # fmt: skip
+from pcalib.cli._printing import progress, say, show_table
+from pcalib.errors import unknown
+
+__all__ = [
+    "BAD_INPUT",
+    "INTERRUPTED",
+    "NOT_HELD",
+    "OK",
+    "PIPE_CLOSED",
+    "UNFORESEEN",
+    "BesideOption",
+    "JsonOption",
+    "OutputFolder",
+    "OutputOption",
+    "Reads",
+    "RequiredOutput",
+    "RewriteOption",
+    "SeedOption",
+    "WorkersOption",
+    "Writes",
+    "app",
+    "fail",
+    "plain",
+    "progress",
+    "quantity",
+    "run",
+    "say",
+    "script",
+    "show_table",
+    "write_json",
+]  # fmt: skip
 
 # Matrices here are small: a second BLAS thread costs more than it brings. Read when NumPy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-OK, NOT_HELD, BAD_INPUT, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
-"""Exit codes: fine; a check that was asked for did not hold; bad input or usage; Ctrl-C; the reader went away."""
-
-
-OUTPUTS = ("output", "robot_output", "json", "report", "rrd", "plot", "save")
-"""How parameters for files to write are called."""
-REWRITE = ("add", "drop", "log")
-"""Commands that may write the model they read anew: it keeps every step."""
-
-
-def keep_inputs(rewrites: bool, **given: Any) -> None:
-    """Refuse an output that would take the place of a file the command reads, or of another output."""
-    from pcalib.errors import InputError
-
-    taken = [(name, Path(p)) for name, value in given.items() for p in (value if isinstance(value, tuple) else (value,))
-             if isinstance(p, Path) or (name == "plan" and isinstance(p, str))]  # fmt: skip
-    for name, path in taken:
-        for other, file in taken:
-            if name not in OUTPUTS or name == other or (rewrites and (name, other) == ("output", "model")):
-                continue
-            if path == file or (path.exists() and file.exists() and path.samefile(file)):
-                what = "is named for two results" if other in OUTPUTS else "this file is read, and would be overwritten"
-                raise InputError(what, file=path, remedy="write to another file")
-
-
-def place(_: Any, path: Path | None) -> None:
-    """Refuse before long work, not after it, a file that cannot be written."""
-    from pcalib import files
-
-    files.check_places(path)
-
-
-def folder_place(_: Any, path: Path | None) -> None:
-    """The same for a folder of results."""
-    from pcalib import files
-
-    files.check_folder(path)
-
-
-JsonOption = Annotated[
-    Path | None, Parameter(name="--json", validator=place, help="Also write the result to this file, as JSON.")
-]
-OutputOption = Annotated[Path | None, Parameter(name=["--output", "-o"], validator=place)]
-RequiredOutput = Annotated[Path, Parameter(name=["--output", "-o"], validator=place)]
-OutputFolder = Annotated[Path, Parameter(name=["--output", "-o"], validator=folder_place)]
-SeedOption = Annotated[int, Parameter(validator=Number(gte=0))]
-BesideOption = Annotated[Path | None, Parameter(validator=place)]
-"""A file that is written beside what a command prints."""
+SeedOption = Annotated[int, Parameter(validator=Number(gte=0, lt=2**63))]
+WorkersOption = Annotated[int, Parameter(validator=Number(gte=1, lte=1024))]
 
 _PLAIN = Parameter(negative=(), show_default=lambda value: None if value in (None, "", ()) else str(value))
 """Of every option: no --no-…, and no default where it is nothing."""
-
-PROGRESS_AFTER = 2.0
-"""[s] work that takes longer shows a progress bar, on a terminal."""
-
 
 def app(name: str, package: str, path: Iterable[str], description: str, examples: str = "") -> App:
     """A program whose commands are the files of `package`, which lies at `path`; none of them is imported."""
@@ -123,7 +115,7 @@ def app(name: str, package: str, path: Iterable[str], description: str, examples
         text, examples = _help(files[module])
         program.command(
             f"{package}.{module}:command", name=module.replace("_", "-"), help=text, help_epilogue=examples,
-            validator=partial(keep_inputs, module in REWRITE),
+            validator=partial(_check_places, partial(_command_of, f"{package}.{module}")),
         )  # fmt: skip
     return program
 
@@ -134,39 +126,37 @@ def script(name: str, command: Callable[..., int | None], argv: Sequence[str] | 
         name=name, help_format="plaintext", version_flags=[], result_action="return_value",
         default_parameter=_PLAIN, suppress_keyboard_interrupt=False,
     )  # fmt: skip
-    program.default(command)
+    program.default(command, validator=partial(_check_places, lambda: command))
     return run(program, argv)
 
 
 def run(program: App, argv: Sequence[str] | None = None) -> int:
-    """Run a program and return its exit code; every error that was raised on purpose is one message on stderr."""
-    try:
-        result = program(sys.argv[1:] if argv is None else list(argv), exit_on_error=False, print_error=False)
-        sys.stdout.flush()
-    except PcalibError as error:
-        return fail(str(error))
-    except CycloptsError as error:
-        return fail(_usage(program, error))
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
-        return PIPE_CLOSED
-    except SystemExit as error:  # how rich tells that the reader went away
-        if isinstance(error.__context__, BrokenPipeError):
-            return PIPE_CLOSED
-        raise
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        return fail(f"{where}{error.strerror or error}")
-    return OK if result is None else int(result)
+    """Run a program and return its exit code; every error is one message on stderr."""
+    from pcalib import files
+
+    if argv is None:
+        _guard.quiet()
+    tokens = sys.argv[1:] if argv is None else list(argv)
+
+    def work() -> int | None:
+        try:
+            with files.keeping_inputs():
+                return program(tokens, exit_on_error=False, print_error=False)
+        except CycloptsError as error:
+            return fail(_usage(program, error))
+
+    return _guard.guarded(work, tokens)
 
 
-def fail(message: str) -> int:
-    """Say what is wrong on stderr; the exit code for bad input."""
-    print(f"error: {message}", file=sys.stderr)
-    return BAD_INPUT
+def _command_of(module: str) -> Callable[..., Any]:
+    return import_module(module).command
+
+
+def _check_places(command: Callable[[], Callable[..., Any]], /, **given: Any) -> None:
+    """Check the files of a command before its work begins."""
+    from pcalib import files
+
+    files.may_rewrite(check(command(), given))
 
 
 def quantity(dimension: str, size: int = 1) -> Parameter:
@@ -199,7 +189,8 @@ def write_json(path: Path | None, content: Mapping[str, Any]) -> None:
         return
     from pcalib import files
 
-    files.write_text(path, json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    files.write_text(path, text, errors="backslashreplace")  # names that are not UTF-8 are escaped as JSON does
 
 
 def plain(value: Any) -> Any:
@@ -213,85 +204,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return str(value) if isinstance(value, Path) else value
-
-
-def say(text: str = "") -> None:
-    """Print a paragraph, wrapped on a terminal and in one piece elsewhere."""
-    width = _console().width
-    for paragraph in text.split("\n"):
-        indent = " " * (len(paragraph) - len(paragraph.lstrip()) + (2 if paragraph.lstrip().startswith("- ") else 0))
-        print(textwrap.fill(paragraph, width, subsequent_indent=indent, break_long_words=False) if paragraph else "")
-
-
-def show_table(header: Sequence[str], rows: Iterable[Sequence[object]], *, title: str = "") -> None:
-    """Print a table; columns of numbers stand to the right."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    cells = [["" if cell is None else str(cell) for cell in row] for row in rows]
-    out = Table(box=box.SIMPLE_HEAD, show_header=any(header), pad_edge=False)
-    for i, name in enumerate(header):
-        right = bool(cells) and all(row[i][:1] in "+-−0123456789.–" for row in cells)  # '' is in any string
-        out.add_column(Text(name), justify="right" if right else "left")
-    for row in cells:
-        out.add_row(*(Text(cell) for cell in row))
-    if title:
-        print(title)
-    _console().print(out)
-
-
-@contextmanager
-def progress(what: str, total: int | None = None, unit: str = "") -> Iterator[Callable[..., None]]:
-    """A progress bar on stderr, shown only on a terminal and only for work that takes a while.
-
-    With a `unit`, such as 'robots', it shows how many there are and how many per second.
-
-    Yields a function ``advance(n=1)`` to call after every step.
-    """
-    bar: Any = None
-    task: Any = None
-    begun, done = time.monotonic(), 0
-
-    def advance(n: int = 1) -> None:
-        nonlocal bar, task, done
-        done += n
-        if bar is None and sys.stderr.isatty() and time.monotonic() - begun > PROGRESS_AFTER:
-            from rich.console import Console
-            from rich.progress import Progress
-
-            columns = Progress.get_default_columns() + ((_rate(unit),) if unit else ())
-            bar = Progress(*columns, console=Console(stderr=True), transient=True)
-            task = bar.add_task(what, total=total)
-            bar.start()
-        if bar is not None:
-            bar.update(task, completed=done)
-
-    try:
-        yield advance
-    finally:
-        if bar is not None:
-            bar.stop()
-
-
-def _rate(unit: str) -> Any:
-    """A column of the progress bar: how many of how many, and how fast."""
-    from rich.progress import ProgressColumn, Task
-    from rich.text import Text
-
-    class Rate(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            speed = f" · {task.speed:.1f} {unit}/s" if task.speed else ""
-            return Text(f"{task.completed:,.0f} of {task.total or 0:,.0f} {unit}{speed}")
-
-    return Rate()
-
-
-def _console() -> Any:
-    from rich.console import Console
-
-    # A pipe or file gets whole lines: nothing is cut or wrapped to a width that nobody has.
-    return Console(highlight=False, width=None if sys.stdout.isatty() else 1000)
 
 
 def _version() -> str:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pcalib.cli._inputs import EffectFiles
-from pcalib.cli.frame import JsonOption, OutputOption, say, show_table, write_json
+from pcalib.cli.frame import JsonOption, RewriteOption, say, show_table, write_json
 
 
 def command(
@@ -18,7 +18,7 @@ def command(
     /,
     *,
     back_to: int | None = None,
-    output: OutputOption = None,
+    output: RewriteOption = None,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:

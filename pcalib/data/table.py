@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 PARQUET = (".parquet", ".pq")
 LARGEST = 1e30
 """Numbers in files stay below this, so that no square or unit overflows later on."""
+MOST_CELLS = 50_000_000
+"""Numbers in a Parquet file, which may unpack to a thousand times its own size; 1e6 rows of 20 columns are a half."""
 
 
 @dataclass(frozen=True)
@@ -243,18 +245,27 @@ def _read_parquet(path: Path) -> Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if path.is_dir():
-        raise InputError("is a directory, not a file", file=path)
+    data = files.read_bytes(path)
     try:
-        content = pq.read_table(pa.BufferReader(path.read_bytes()))
+        schema = pq.read_schema(pa.BufferReader(data))
+        for name, kind in zip(schema.names, schema.types, strict=True):
+            if pa.types.is_nested(kind):
+                raise InputError(f"type {kind} cannot be used", file=path, column=name, remedy="store numbers or text")
+        words = [n for n, kind in zip(schema.names, schema.types, strict=True) if not pa.types.is_primitive(kind)]
+        file = pq.ParquetFile(pa.BufferReader(data), read_dictionary=words)
+        rows = file.metadata.num_rows
+        if rows * (len(schema.names) + 3 * len(words)) > MOST_CELLS:  # a text takes as much as four numbers
+            raise InputError(
+                f"{rows} rows of {len(schema.names)} columns are more than can be held", file=path,
+                remedy=f"split the file: at most {MOST_CELLS} numbers are read",
+            )  # fmt: skip
+        content = file.read()
         content.validate(full=True)
         names = content.column_names
         metadata = {
             key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
             for key, value in (content.schema.metadata or {}).items()
         }
-    except FileNotFoundError:
-        raise InputError("no such file", file=path, remedy="check the path") from None
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError) as error:
         first = (str(error).splitlines() or ["unknown error"])[0]
         problem = f"not a readable Parquet file: {first}"
@@ -275,11 +286,15 @@ def _parquet_cells(path: Path, name: str, column: pa.ChunkedArray) -> Sequence[s
     import pyarrow.types as t
 
     kind = column.type
-    if t.is_dictionary(kind):
-        column, kind = column.cast(kind.value_type), kind.value_type
     try:
-        if t.is_string(kind) or t.is_large_string(kind):
-            return [(cell or "").strip() for cell in column.to_pylist()]
+        if t.is_dictionary(kind) and (t.is_string(kind.value_type) or t.is_large_string(kind.value_type)):
+            cells: list[str] = []
+            for chunk in column.chunks:  # equal cells share one text
+                words = [(cell or "").strip() for cell in chunk.dictionary.to_pylist()]
+                cells += ["" if i is None else words[i] for i in chunk.indices.to_pylist()]
+            return cells
+        if t.is_dictionary(kind):
+            column, kind = column.cast(kind.value_type), kind.value_type
         if t.is_boolean(kind) or t.is_integer(kind) or t.is_floating(kind) or t.is_decimal(kind) or t.is_null(kind):
             floats = pc.cast(column, pa.float64(), safe=False)
             return np.array(floats.to_numpy(), float)

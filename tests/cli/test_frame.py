@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib.cli import frame
+from pcalib.cli import _printing, frame
 from pcalib.cli._inputs import EffectFiles
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -177,7 +177,7 @@ class Terminal(io.StringIO):
 def test_progress_shows_only_on_a_terminal_and_only_for_long_work(monkeypatch, stream, after, shown):
     err = stream()
     monkeypatch.setattr(sys, "stderr", err)
-    monkeypatch.setattr(frame, "PROGRESS_AFTER", after)
+    monkeypatch.setattr(_printing, "PROGRESS_AFTER", after)
     with frame.progress("working", 3) as advance:
         for _ in range(3):
             time.sleep(0.001)

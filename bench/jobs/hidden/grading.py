@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pcalib import files
 from pcalib.errors import InputError
 
 VERDICTS = ("nothing_missing", "established", "ambiguous", "unexplained")
@@ -60,17 +61,10 @@ class Answer:
                 f"schema is {schema!r}, not 'pcalib.diagnosis/1'", file=str(source),
                 remedy=WRITTEN_BY,
             )  # fmt: skip
-        try:
-            answer = cls(
-                str(content["verdict"]),
-                tuple(sorted(map(str, content["established"]))),
-                tuple(tuple(sorted(map(str, names))) for names in content["adequate"]),
-            )
-        except KeyError as error:
-            raise InputError(f"'{error.args[0]}' is missing", file=str(source), remedy=WRITTEN_BY) from None
-        except TypeError:
-            problem = "'established' and 'adequate' are not the lists they should be"
-            raise InputError(problem, file=str(source), remedy=WRITTEN_BY) from None
+        shape = {"verdict": str, "established": [str], "adequate": [[str]]}
+        files.require_shape(content, shape, str(source), WRITTEN_BY)
+        adequate = tuple(tuple(sorted(names)) for names in content["adequate"])
+        answer = cls(content["verdict"], tuple(sorted(content["established"])), adequate)
         if answer.verdict not in VERDICTS:
             problem = f"verdict is '{answer.verdict}', not one of {', '.join(VERDICTS)}"
             raise InputError(problem, file=str(source), remedy=WRITTEN_BY)
