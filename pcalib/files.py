@@ -20,7 +20,7 @@ from pcalib.outputs import check_folder as check_folder
 from pcalib.outputs import check_places as check_places
 from pcalib.outputs import keeping_inputs as keeping_inputs
 from pcalib.outputs import may_rewrite as may_rewrite
-from pcalib.outputs import note_read
+from pcalib.outputs import note_read, reason
 from pcalib.outputs import write_text as write_text
 
 LARGEST_TEXT = 50_000_000
@@ -47,8 +47,8 @@ def read_bytes(path: Path) -> bytes:
     except IsADirectoryError:
         raise InputError("is a directory, not a file", file=path, remedy="name a file in it") from None
     except (OSError, ValueError) as error:
-        said = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be read: {said}", file=path, remedy="check its name and its rights") from None
+        remedy = "check its name and its rights"
+        raise InputError(f"cannot be read: {reason(error)}", file=path, remedy=remedy) from None
     note_read(path)
     return data
 
@@ -143,7 +143,7 @@ def require_shape(value: Any, shape: Any, source: str | Path, remedy: str, where
         if not isinstance(value, dict):
             refuse("an object")
         prefix = f"{where}." if where else ""
-        for key in shape.keys() - {"*"} - value.keys():
+        for key in [key for key in shape if key != "*" and key not in value][:1]:
             raise InputError(f"'{prefix}{key}' is missing", file=source, remedy=remedy)
         for key in value if "*" in shape else shape:
             require_shape(value[key], shape.get(key, shape.get("*")), source, remedy, f"{prefix}{key}")
@@ -211,6 +211,8 @@ def line_of(text: str, section: str | None, key: str | None) -> int | None:
             fit = len(wanted) + 2
         elif section is None and path.endswith(f".{wanted}"):
             fit = len(wanted) + 1
+        elif path == key:  # a key of the file itself, which messages call a section of the file's name
+            fit = 1
         else:  # the nearest table above it
             fit = len(path) if path and wanted.startswith((f"{path}.", f"{path}[")) else 0
         if fit > best:

@@ -107,7 +107,7 @@ def _place(path: str | Path) -> _Place:
             there = path.stat()
         target = Path(os.path.realpath(path))
     except (OSError, ValueError) as error:
-        raise refused(_said(error)) from None
+        raise refused(reason(error)) from None
     if there is not None and stat.S_ISDIR(there.st_mode):
         raise refused("it is a directory", "name a file")
     place = _Place(path, target, there)
@@ -147,7 +147,7 @@ def check_folder(path: str | Path | None) -> None:
     try:
         there = _nearest(Path(path).absolute())
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot make this folder: {_said(error)}", file=path, remedy="name another folder") from None
+        raise InputError(f"cannot make this folder: {reason(error)}", file=path, remedy="name another folder") from None
     if not (there.is_dir() and os.access(there, os.W_OK)):
         what = "permission denied" if there.is_dir() else f"{there.name} is a file"
         raise InputError(f"cannot make this folder: {what}", file=path, remedy="name a folder that can be made")
@@ -167,7 +167,7 @@ def atomic(path: str | Path) -> Iterator[Path]:
         handle, name = tempfile.mkstemp(prefix=_prefix(place.target), suffix=place.target.suffix[:20], dir=folder)
     except OSError as error:
         remedy = "name a folder that exists and is writable"
-        raise InputError(f"cannot write: {_said(error)}", file=path, remedy=remedy) from None
+        raise InputError(f"cannot write: {reason(error)}", file=path, remedy=remedy) from None
     os.close(handle)
     temporary = Path(name)
     try:
@@ -175,7 +175,7 @@ def atomic(path: str | Path) -> Iterator[Path]:
         _put(temporary, place)
     except OSError as error:
         remedy = "make room, or name another folder"
-        raise InputError(f"cannot write: {_said(error)}", file=path, remedy=remedy) from None
+        raise InputError(f"cannot write: {reason(error)}", file=path, remedy=remedy) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -193,7 +193,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     try:  # in the nearest folder that exists: those above `path` are made at the end only
         temporary = Path(tempfile.mkdtemp(prefix=_prefix(path), dir=_nearest(path.absolute().parent)))
     except OSError as error:
-        raise InputError(f"cannot write: {_said(error)}", file=path, remedy=remedy) from None
+        raise InputError(f"cannot write: {reason(error)}", file=path, remedy=remedy) from None
     try:
         yield temporary
         if not path.exists():
@@ -209,7 +209,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         for item, place in places:
             _put(item, place)
     except OSError as error:
-        raise InputError(f"cannot write: {_said(error)}", file=path, remedy=remedy) from None
+        raise InputError(f"cannot write: {reason(error)}", file=path, remedy=remedy) from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -287,5 +287,6 @@ def _nearest(folder: Path) -> Path:
     return folder if folder.exists() else next(p for p in folder.parents if p.exists())
 
 
-def _said(error: BaseException) -> str:
-    return str(getattr(error, "strerror", None) or error)
+def reason(error: BaseException) -> str:
+    """Why a file cannot be used, as the system says it."""
+    return error.strerror if isinstance(error, OSError) and error.strerror else str(error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -96,8 +97,8 @@ def _streams() -> Iterator[None]:
             while (number := os.open(os.devnull, os.O_RDWR)) < 2:
                 pass
             setattr(sys, name, open(number, "w", encoding="utf-8"))
-        elif isinstance(reconfigure := getattr(stream, "reconfigure", None), Callable):
-            reconfigure(errors="pcalib.degrade")
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="pcalib.degrade")
     _printing.believe_width()
     yield
 

@@ -12,7 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli.frame import JsonOption, SeedOption, folder_place, say, show_table, write_json
+from pcalib.cli.frame import JsonOption, SeedOption, Writes, say, show_table, write_json
 
 
 def command(
@@ -20,7 +20,7 @@ def command(
     /,
     *,
     model: ModelOption,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"], validator=folder_place)] = None,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"]), Writes(folder=True)] = None,
     effect_file: EffectFiles = (),
     seed: SeedOption = 0,
     json: JsonOption = None,

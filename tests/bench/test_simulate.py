@@ -122,8 +122,12 @@ def test_entry_point_writes_data_and_sealed_truth(truth_file, tmp_path, capsys):
     assert report["schema"] == "pcbench.simulate/1" and report["rows"] == 25 and report["not_reached"] == {}
     sealed = truths.load(tmp_path / "data.truth.toml")
     assert np.array_equal(sealed.errors, truths.parse(TRUTH).errors)
-    # Without the robot file at hand the sealed truth repeats the data, byte by byte.
-    assert main(["simulate", str(tmp_path / "data.truth.toml"), *arguments[2:]]) == 0 and out.read_bytes() == first
+    # Without the robot file at hand the sealed truth repeats the data, byte by byte; but not over itself.
+    assert main(["simulate", str(tmp_path / "data.truth.toml"), *arguments[2:]]) == 2
+    assert "is read, and would be overwritten" in capsys.readouterr().err
+    truth_file.with_name("again.truth.toml").write_bytes((tmp_path / "data.truth.toml").read_bytes())
+    assert main(["simulate", str(truth_file.with_name("again.truth.toml")), *arguments[2:]]) == 0
+    assert out.read_bytes() == first
 
 
 def test_d_optimal_poses_and_random_ones_to_check(truth_file, tmp_path):
@@ -146,8 +150,8 @@ def test_d_optimal_poses_and_random_ones_to_check(truth_file, tmp_path):
         (["--tool", "0,0,5"], "no unit"),
         (["--plan", "zigzag"], "unknown plan 'zigzag'"),
         (["-n", "0"], "makes no sense"),
-        (["--workers", "0"], "at least one process"),
-        (["--seed", "-1"], "is negative"),
+        (["--workers", "0"], "--workers. Must be >= 1"),
+        (["--seed", "-1"], "Must be >= 0"),
         (["-o", "/no/such/folder/data.csv"], "cannot write"),
         (["--json", "/no/such/folder/s.json"], "s.json: cannot write: no such folder"),
         (["--payload", "-1kg"], "cannot be negative"),

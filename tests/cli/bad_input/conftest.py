@@ -180,6 +180,20 @@ def refused(cell, monkeypatch, capfd) -> Callable[..., None]:
 
 
 @pytest.fixture
+def one_refused(refused) -> Callable[..., None]:
+    """one_refused(role, file, said, name): the first command that reads a file of that role refuses this one.
+
+    All commands of a role use one reader, so that what is in the file matters only once.
+    """
+
+    def check(role: str, file: str, said: str, name: str | None = None) -> None:
+        command = COMMANDS[role].strip().splitlines()[0].strip()
+        refused(command.replace("{}", file), said, file if name is None else name)
+
+    return check
+
+
+@pytest.fixture
 def each_refused(refused) -> Callable[..., None]:
     """each_refused(role, file, said, name, but): every command that reads a file of that role refuses this one; those
     that match `but` are left out."""

@@ -92,8 +92,8 @@ OPTIONS = {
         "-n 0": "makes no sense",
         "--plan magic": "unknown plan 'magic'; accepted",
         "--payload -1kg": "cannot be negative",
-        "--workers 0": "at least one process",
-        "--seed -1": "negative",
+        "--workers 0": "--workers. Must be >= 1",
+        "--seed -1": "--seed",
     },
     "pcbench verify m.toml truth.toml": {
         "--cycles 0": "at least one cycle",
