@@ -7,10 +7,7 @@ from typing import Any
 import numpy as np
 
 from pcalib import units, wording
-from pcalib.fitting.identification import Accuracy, Fit
-
-_OVERSTATED = 0.5
-"""χ² per degree of freedom below which the stated σ is called too large."""
+from pcalib.fitting.result import Accuracy, Fit
 
 
 def _micro(value: float) -> float | None:
@@ -83,7 +80,7 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "parameters": parameters,
         "combinations": combinations(fit),
         "unidentifiable": fit.identifiability.sentences(),
-        "warnings": list(fit.warnings),
+        "warnings": [str(warning) for warning in fit.warnings],
     }
 
 
@@ -122,30 +119,6 @@ def statistics(fit: Fit) -> dict[str, Any]:
     if fit.check:
         found["check"] = accuracy_json(fit.check)
     return found
-
-
-def _noise(a: Accuracy, said: str) -> str:
-    """How χ² per degree of freedom compares with the σ that is 'stated' or 'assumed'."""
-    if a.chi2_dof < _OVERSTATED:
-        return f"far below the {said} noise: σ overstated?"
-    if not a.at_the_noise:
-        ratio = np.sqrt(a.chi2_dof)
-        return f"{ratio:.2g}× the {said} noise" if ratio < 10 else f"{ratio:.0f}× the {said} noise"
-    return "at the noise" if said == "stated" else "at the assumed noise"
-
-
-def headline(fit: Fit) -> str:
-    """The outcome in one sentence."""
-    a = fit.accuracy
-    text = f"Level {fit.candidate.level} explains {a.n_rows} poses to {wording.size(a.rms_pos)} RMS"
-    notes = [_noise(a, "stated" if fit.sigma_stated else "assumed")] if np.isfinite(a.chi2_dof) else []
-    if np.isfinite(fit.left_out):
-        notes.append(f"rotations left out: {wording.deviation(a.rms_rot, 'rad')} RMS, {fit.left_out:.1f}× their σ")
-    if notes:
-        text += f" ({'; '.join(notes)})"
-    if fit.check:
-        text += f"; {fit.check.n_rows} held-out poses: {wording.size(fit.check.rms_pos)}"
-    return text + "."
 
 
 def largest_changes(fit: Fit, count: int = 6) -> list[tuple[str, str, str, str]]:

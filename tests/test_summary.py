@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcalib import summary
 from pcalib.fitting import identification
 from pcalib.fitting.identification import Accuracy
+from pcalib.fitting.warnings import Code
 from pcalib.model import Model
 
 
@@ -25,15 +25,16 @@ def test_rotations_that_a_level_leaves_out_are_said(truth, measure, level):
     turned = data.mask[:, 3]
     assert found.left_out == pytest.approx(np.sqrt(np.mean((found.error[turned, 3:] / data.sigma[turned, 3:]) ** 2)))
     assert found.left_out > 5
-    text = summary.headline(found)
+    text = found.headline()
     assert f"rotations left out: {1e6 * found.accuracy.rms_rot:.1f} µrad RMS, {found.left_out:.1f}× their σ" in text
-    assert any("rotations are left out" in w and f"{found.left_out:.1f}× their σ" in w for w in found.warnings)
+    said = [str(w) for w in found.warnings if w.code is Code.ROTATIONS_LEFT_OUT]
+    assert len(said) == 1 and f"{found.left_out:.1f}× their σ" in said[0]
     check = np.arange(60) > 50
     turned = replace(data, check=check, mask=data.mask & (check[:, None] | (np.arange(6) < 3)))  # held out alone
     for other, of_level in ((data, "complete"), (turned, level), (measure(truth, 60, rotations=False), level)):
         plain = identification.fit(other, truth.robot, of_level)
-        assert np.isnan(plain.left_out) and "rotations" not in summary.headline(plain)
-        assert not any("left out" in w for w in plain.warnings)
+        assert np.isnan(plain.left_out) and "rotations" not in plain.headline()
+        assert not any("left out" in str(w) for w in plain.warnings)
 
 
 def test_noise_is_called_what_it_is(truth, measure):
@@ -47,7 +48,7 @@ def test_noise_is_called_what_it_is(truth, measure):
         assert data.sigma_stated
         for stated, text in zip((True, False), words, strict=True):
             found = identification.fit(replace(data, stated=(stated, stated)), truth.robot)
-            assert text in summary.headline(found)
+            assert text in found.headline()
 
 
 @pytest.mark.parametrize(("ratio", "dof", "noise"), [(1.13, 20, True), (1.13, 660, False), (1.04, 5000, True)])

@@ -172,7 +172,7 @@ def show(found: Fit) -> None:
     from pcalib import summary
     from pcalib.wording import size
 
-    say(summary.headline(found))
+    say(found.headline())
     print()
     show_table(
         ("", "rows", "RMS", "max", "RMS µrad", "χ²/dof"),

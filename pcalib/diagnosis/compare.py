@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pcalib.data.measurement import Measurements
+from pcalib.data.noise import Noise
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell, cells
@@ -82,7 +83,7 @@ def compare(
     def judged(rows: np.ndarray) -> tuple[Accuracy, float] | None:
         if not rows.any():
             return None
-        found = accuracy(error[rows], sigma[rows], data.mask[rows] & ~np.isnan(error[rows]), 0.0)
+        found = accuracy(error[rows], Noise(data.mask[rows], sigma[rows]), 0.0)
         return found, float(np.sqrt(np.nanmean((error[rows] / sigma[rows]) ** 2)))
 
     fit, check = judged(~data.check), judged(data.check)

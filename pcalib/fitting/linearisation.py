@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,12 +11,21 @@ import numpy as np
 from pcalib import prediction, rotation
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
+from pcalib.effects.base import Contribution
 from pcalib.errors import InputError
 from pcalib.fitting import least_squares
 from pcalib.fitting.unknowns import Unknowns
 from pcalib.mechanics.mechanism import Pose
 from pcalib.model import Frame, Model
 from pcalib.prediction import Conditions, Prediction
+
+ROWS = 2000
+"""Rows of a chunk: whitened Jacobians of 2000 poses by 70 unknowns are 7 MB, and calls cost little beside them."""
+
+
+def chunks(n: int) -> Iterator[slice]:
+    """Slices of at most ROWS rows that cover n rows."""
+    return (slice(start, min(start + ROWS, n)) for start in range(0, n, ROWS))
 
 
 @dataclass(frozen=True)
@@ -49,6 +59,18 @@ class Linearisation:
     def triangle(self) -> np.ndarray:
         """Triangular factor of [jacobian residual], at most (n + 1, n + 1): all that the M scalars say."""
         return least_squares.triangle(self.jacobian, self.residual)
+
+
+@dataclass(frozen=True)
+class Information:
+    """All that rows say of a step of the unknowns."""
+
+    triangle: np.ndarray
+    """(·, n + 1) triangular factor of √w·[J r], J whitened derivatives and r whitened residuals; at most n + 1 rows."""
+    plain: np.ndarray
+    """The same without weights."""
+    motion: np.ndarray | None
+    """(N, n_state, n_geometry) of the plates about their measured points, by geometry; None for more than ROWS rows."""
 
 
 def conditions_of(data: Measurements) -> Conditions:
@@ -102,6 +124,59 @@ def linearise(
     noise = Noise.of(data) if noise is None else noise
     whitened = noise.whiten(error), noise.whiten(columns)
     return Linearisation(*whitened, unknowns.n_geometry, noise.row, noise.component, p, motion)
+
+
+def evaluate(model: Model, data: Measurements, start: Pose | None = None) -> tuple[np.ndarray, Prediction]:
+    """Residuals and prediction; of more than ROWS rows the prediction keeps readings, poses and status only."""
+    if len(data) <= ROWS:
+        return residuals(model, data, start)
+    parts = [residuals(model, data.take(r), None if start is None else start.take(r)) for r in chunks(len(data))]
+
+    def joined(name: str) -> np.ndarray:
+        return np.concatenate([getattr(p, name) for _, p in parts])
+
+    pose = Pose(*(np.concatenate([getattr(p.pose, name) for _, p in parts]) for name in ("x", "R", "phi")))
+    unsettled = joined("reached") & (joined("status") != "ok")
+    readings = (joined(name) for name in ("position", "rotation", "q"))
+    slim = Prediction(*readings, pose, joined("tool"), Contribution(), joined("status"), unsettled=unsettled)
+    return np.concatenate([error for error, _ in parts]), slim
+
+
+def information(
+    model: Model,
+    data: Measurements,
+    unknowns: Unknowns,
+    at: tuple[np.ndarray, Prediction],
+    noise: Noise,
+    weight: np.ndarray,
+) -> Information:
+    """What weighted rows say at a model, gathered chunk by chunk: memory does not grow with the rows.
+
+    Args:
+        at: what :func:`evaluate` gave for this model and these data.
+        weight: (N,) of each row.
+    """
+
+
+    def weighted(linear: Linearisation, weight: np.ndarray) -> np.ndarray:
+        root = np.sqrt(weight)[linear.row]
+        return least_squares.triangle(linear.jacobian * root[:, None], linear.residual * root)
+
+    def added(whole: np.ndarray, part: np.ndarray) -> np.ndarray:
+        both = np.concatenate([whole, part])
+        return least_squares.triangle(both[:, :-1], both[:, -1])
+
+    alike = bool((weight == 1).all())
+    if len(data) <= ROWS:
+        linear = linearise(model, data, unknowns, at, noise)
+        return Information(linear.triangle if alike else weighted(linear, weight), linear.triangle, linear.motion)
+    plain = whole = np.zeros((0, len(unknowns.names) + 1))
+    for r in chunks(len(data)):
+        part = data.take(r)
+        linear = linearise(model, part, unknowns, residuals(model, part, at[1].pose.take(r)), noise.take(r))
+        plain = added(plain, linear.triangle)
+        whole = plain if alike else added(whole, weighted(linear, weight[r]))
+    return Information(whole, plain, None)
 
 
 def seen_from(model: Model, data: Measurements) -> Model:

@@ -1,243 +1,263 @@
-"""Levenberg–Marquardt on scaled unknowns, with priors whose common scale the data may widen and robust row weights."""
+"""Levenberg–Marquardt on scaled unknowns, one step at a time; weights and priors are re-estimated in between."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from pcalib.data.measurement import Measurements
-from pcalib.fitting import least_squares
-from pcalib.fitting.linearisation import Linearisation, linearise, residuals
-from pcalib.fitting.unknowns import EFFECT_PRIOR_WIDTH, Unknowns, apply, current
+from pcalib.data.noise import Noise
+from pcalib.fitting import evidence, least_squares
+from pcalib.fitting.evidence import Weights
+from pcalib.fitting.linearisation import Information, evaluate, information
+from pcalib.fitting.unknowns import Unknowns, apply, current
 from pcalib.model import Model
 from pcalib.prediction import Prediction, ahead
 
-ROBUST_AT = 2.5
-"""Rows further off than this many σ (per component) weigh less under a robust loss."""
 TOLERANCE = 1e-5
-"""A fit has converged when what is left to go is below this share of every unknown's natural size, or"""
-_NOTHING = 1e-5
-"""when χ² would gain no more than this by it."""
+"""A fit has converged when what is left to go is below this share of every unknown's natural size, or when χ² would
+gain no more than this: neither shows in any figure of five digits."""
 ROUNDING = 1e-13
-"""[m, rad] what forward kinematics leaves open in a reading: no step is rejected for it."""
+"""[m, rad] accuracy to which forward kinematics closes the loops: no step is rejected for so small a rise."""
 NEGLIGIBLE = 1e-3
 """Gain of a step in χ², in units of χ²/M, that no noise would let anyone see."""
 _IDLE = 3
-"""So many such steps in a row are the end. Where a model misses something, Gauss–Newton creeps on along directions
-that the data hardly know; damped steps are short by themselves and prove nothing."""
-_MANY = 20
-"""Directions that the data know better than the drawing does, from which on their median says what is usual."""
-_SCALES = np.geomspace(1.0, 100.0, 60)
-"""Of the priors, between which is interpolated."""
-_MEDIAN = 0.6745
-"""Median of |z| for a standard normal z."""
+"""Number of such steps in a row that ends the search. Where a model misses something, Gauss–Newton creeps on along
+directions that the data hardly know; damped steps are short by themselves and prove nothing."""
 _SETTLED = 10
-"""Steps after which the priors' scale stays what it is."""
-_STEADY = 0.05
-"""Relative change of the widths of effects' priors below which a fit may end."""
+"""Number of steps after which the scales of priors stay what they are, so that they cannot keep a fit from ending."""
+_STEADY_ROWS, _STEADY_ROOM = 1e-3, 0.05
+"""Changes of a row's weight and of an effect's prior below which a fit may end: such changes move results by far
+less than σ."""
 _LEAST_DAMPING = 1e-12
-"""Share of the largest diagonal element of JᵀJ: less is none."""
+"""Share of the largest diagonal element of JᵀJ below which damping is none: the square root is rounding."""
+_MORE_DAMPING, _LESS_DAMPING = 100.0, 0.1
+"""Factors after a step that is rejected and one that is accepted."""
+
+At = tuple[np.ndarray, Prediction]
+"""Residuals (N, 6) of a model, and its prediction."""
 
 
-@dataclass(frozen=True)
-class State:
-    """Where a minimisation ended."""
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is minimised: Σ w·|W·(measured − predicted)|² + Σ (u/prior)² over chosen unknowns u in natural sizes."""
 
-    model: Model
-    error: np.ndarray
-    """(N, 6) measured − predicted [m, rad]."""
-    unsettled: np.ndarray | None
-    """(N,) bool, rows where loads and pose do not settle; None where all do."""
-    R: np.ndarray
-    """Triangular factor of the information in scaled unknowns, without damping."""
-    linear: Linearisation
-    """Where the last step began, and what R is made of."""
-    weight: np.ndarray
-    """(N,) robust weights."""
-    prior_scale: float
-    iterations: int
-    converged: bool
+    data: Measurements
+    noise: Noise
+    unknowns: Unknowns
+    chosen: np.ndarray
+    """Indices into `unknowns`; the others stay where the model has them."""
+    loss: str = "linear"
+    prior_scale: float | None = None
+    """Common factor on the priors of the geometry; estimated (≥ 1) when None."""
+    max_iterations: int = 60
+    """1 takes one full step and does not judge it."""
 
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """(n,) natural sizes of the chosen unknowns."""
+        return self.unknowns.scale[self.chosen]
 
-def minimise(
-    model: Model,
-    data: Measurements,
-    unknowns: Unknowns,
-    chosen: np.ndarray,
-    at: tuple[np.ndarray, Prediction],
-    loss: str = "linear",
-    prior_scale: float | None = None,
-    max_iterations: int = 60,
-) -> State:
-    """Minimise the cost over the chosen unknowns, each in units of its natural size.
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """(n,) 1σ of the priors in natural sizes; inf where there is none."""
+        return self.unknowns.prior[self.chosen] / self.scale
 
-    Args:
-        chosen: indices into `unknowns`; the others stay where the model has them, or at the nearest bound.
-        at: residuals of the model on the data.
-        prior_scale: common factor on the priors of geometry; estimated (≥ 1) when absent.
-        max_iterations: 1 takes one full step and asks no questions.
-    """
-    scale = unknowns.scale[chosen]
-    prior = unknowns.prior[chosen] / scale
-    held = np.isfinite(prior)
-    g, e = unknowns.n_geometry, unknowns.n_effects
-    geometric = np.flatnonzero((chosen < g) & held)
-    effects = np.flatnonzero((chosen >= g) & (chosen < g + e) & held)  # beside them the target has a prior of its own
-    low, high = unknowns.lower[chosen] / scale, unknowns.upper[chosen] / scale
-    rounding = float(np.sum((ROUNDING / data.sigma[data.mask]) ** 2))
-    tau, width = prior_scale or 1.0, prior[effects]
-    damping, converged, count, idle = 0.0, False, 0, 0
+    @cached_property
+    def geometric(self) -> np.ndarray:
+        """Positions in `chosen` of the geometric unknowns that have a prior."""
+        return np.flatnonzero((self.chosen < self.unknowns.n_geometry) & np.isfinite(self.prior))
 
-    def widened() -> np.ndarray:
-        out = prior.copy()
-        out[geometric] *= tau
-        out[effects] = width
+    @cached_property
+    def effects(self) -> np.ndarray:
+        """The same of effects' parameters."""
+        g, e = self.unknowns.n_geometry, self.unknowns.n_effects
+        return np.flatnonzero((self.chosen >= g) & (self.chosen < g + e) & np.isfinite(self.prior))
+
+    @cached_property
+    def rounding(self) -> float:
+        """What rounding in forward kinematics makes of χ²."""
+        return float(np.sum((ROUNDING / self.data.sigma[self.data.mask]) ** 2))
+
+    def held(self, weights: Weights) -> np.ndarray:
+        """(n,) 1σ of the priors under some weights."""
+        out = self.prior.copy()
+        out[self.geometric] *= weights.scale
+        out[self.effects] = weights.room
         return out
 
-    def position(model: Model) -> np.ndarray:
-        return current(model, unknowns)[chosen] / scale
+    def position(self, model: Model) -> np.ndarray:
+        """(n,) where a model is."""
+        return current(model, self.unknowns)[self.chosen] / self.scale
 
-    def cost(u: np.ndarray, at: tuple[np.ndarray, Prediction]) -> float:
+    def cost(self, u: np.ndarray, at: At, weights: Weights) -> float:
+        """χ² and the priors' part; inf where loops do not close."""
         if not at[1].reached.all():
             return np.inf
-        off = (at[0] / data.sigma)[data.mask]
-        return float(off @ (weight[linear.row] * off) + np.sum((u / widened()) ** 2))
+        off = self.noise.whiten(at[0])
+        return float(off @ (weights.row[self.noise.row] * off) + np.sum((u / self.held(weights)) ** 2))
 
-    def triangle() -> np.ndarray:
-        """All that the weighted rows say of the chosen unknowns, in units of their natural size."""
-        if loss == "linear":
-            whole = linear.triangle
-        else:
-            root = np.sqrt(weight)[linear.row]
-            whole = least_squares.triangle(linear.jacobian * root[:, None], linear.residual * root)
-        return whole[:, np.append(chosen, -1)] * np.append(scale, 1.0)
+    def within(self, step: np.ndarray, R: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """The least-squares step within the bounds."""
+        if not self.unknowns.bounded:
+            return step
+        low, high = (bound[self.chosen] / self.scale for bound in (self.unknowns.lower, self.unknowns.upper))
+        return least_squares.within(R, step, low - u, high - u)
 
-    def clipped(step: np.ndarray, R: np.ndarray) -> np.ndarray:
-        return least_squares.within(R, step, low - u, high - u) if unknowns.bounded else step
+    def linearised(self, model: Model, at: At, weight: np.ndarray | None = None) -> Information:
+        """What the data say at a model with weights (N,) of the rows."""
+        alike = np.ones(len(self.data)) if weight is None else weight
+        return information(model, self.data, self.unknowns, at, self.noise, alike)
 
-    def after(step: np.ndarray) -> tuple[Model, tuple[np.ndarray, Prediction]]:
-        full = np.zeros(len(unknowns.names))
-        full[chosen] = step * scale
-        moved = apply(model, unknowns, full)
-        start = ahead(model, at[1], linear.motion @ full[:g])
-        return moved, residuals(moved, data, start)
+    def scaled(self, linear: Information) -> np.ndarray:
+        """(·, n + 1) what the data say of the chosen unknowns in natural sizes."""
+        return linear.triangle[:, np.append(self.chosen, -1)] * np.append(self.scale, 1.0)
 
-    def left_to_go(R: np.ndarray) -> np.ndarray:
-        """What the next step would be, by the slope here and the information R from where the last one began."""
-        slope = (linear.residual * weight[linear.row]) @ linear.jacobian
-        return clipped(least_squares.descend(R, slope[chosen] * scale - u / widened() ** 2), R)
 
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where a search stands."""
+
+    model: Model
+    at: At
+    u: np.ndarray
+    """(n,) position, in natural sizes."""
+    weights: Weights
+    linear: Information
+    """What the data say at the model, and"""
+    rows: np.ndarray
+    """(·, n + 1) the same of the chosen unknowns in natural sizes."""
+    begun: Information
+    """What the data said where the last step began: that is what `R` is made of."""
+    R: np.ndarray
+    """(n, n) triangular factor of the information there, without damping."""
+    damping: float = 0.0
+    iterations: int = 0
+    idle: int = 0
+    """Accepted steps in a row that gained nothing to speak of."""
+    negligible: float = 0.0
+    """Decrease of the cost that counts as nothing where the last step began."""
+    accepted: bool = True
+    converged: bool = False
+    stuck: bool = False
+    """No further step is possible."""
+
+
+def minimise(task: Task, model: Model, at: At) -> State:
+    """Search from a model with residuals `at` until converged, stuck or out of iterations."""
+    state = start(task, model, at)
+    while not (state.converged or state.stuck):
+        state = reweigh_priors(task, state)
+        before = state.weights
+        state = step(task, state)
+        if state.accepted and not state.converged:
+            state = relinearise(task, state)
+            state = finish(task, state) if converged(task, state, before) else relaxed(state)
+    if state.damping and state.stuck:  # the covariance is what the data say, not how the search went
+        state = replace(state, R=least_squares.solve(state.rows, -state.u, task.held(state.weights))[1])
+    return state
+
+
+def start(task: Task, model: Model, at: At) -> State:
+    """The state at a model, moved to its nearest bounds."""
+    unknowns = task.unknowns
     if unknowns.bounded:
         here = current(model, unknowns)
         model = apply(model, unknowns, np.clip(here, unknowns.lower, unknowns.upper) - here)
-        at = residuals(model, data, at[1].pose)
-    u, weight = position(model), robust_weights(at[0], data, loss)
-    linear = linearise(model, data, unknowns, at)
-    rows = triangle()
-    while True:
-        if prior_scale is None and len(geometric) and not damping and count < _SETTLED and np.isfinite(rows).all():
-            tau = _evidence(rows, u, widened(), geometric)
-        largest = np.max(np.sum(rows[:, :-1] ** 2, axis=0), initial=1.0) if damping else 1.0
-        step, R = least_squares.solve(rows, -u, widened(), float(damping * largest))
-        begun = linear
-        if count >= max_iterations or not np.isfinite(step).all():
-            break
-        step = clipped(step, R)
-        trial, tried = after(step)
-        count += 1
-        if max_iterations == 1:
-            model, at, converged = trial, tried, True
-            break
-        here, there = cost(u, at), cost(position(trial), tried)
-        if not there <= here + rounding + 2 * np.sqrt(here * rounding):
-            if damping and idle >= _IDLE:
-                break  # no step leads on, and yet the slope does not vanish: χ² jumps here, as by the sign of a load
-            damping = max(100 * damping, _LEAST_DAMPING)
-            continue
-        negligible = NEGLIGIBLE * max(1.0, here / data.mask.sum())
-        idle = idle + 1 if here - there < negligible else 0
-        model, at, u = trial, tried, position(trial)
-        earlier = weight, width
-        weight = robust_weights(at[0], data, loss)
-        if len(effects) and not damping and count <= _SETTLED:
-            width = _widths(u[effects], least_squares.variances(R)[effects], width, prior[effects])
-        moved = np.abs(width / earlier[1] - 1).max(initial=0.0)
-        steady = np.abs(weight - earlier[0]).max() < 1e-3 and moved < _STEADY
-        linear = linearise(model, data, unknowns, at)
-        if damping:  # what is left to go is asked without it
-            R = least_squares.solve(rows, -u, widened())[1]
-        left = left_to_go(R)
-        gain = float(np.sum((R @ left) ** 2))
-        near = np.abs(left).max(initial=0.0) < TOLERANCE or gain < _NOTHING
-        converged = bool(steady and (near or (idle >= _IDLE and (not damping or gain < negligible))))
-        if converged:
-            trial, tried = after(left)  # known already, and worth more digits than it costs
-            if cost(position(trial), tried) <= cost(u, at):
-                model, at = trial, tried
-            break
-        damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
-        rows = triangle()
-    if damping:
-        R = least_squares.solve(rows, -u, widened())[1]  # what the data say, not how the search went
-    return State(model, at[0], at[1].unsettled, R, begun, weight, tau, count, converged)
+        at = evaluate(model, task.data, at[1].pose)
+    row = evidence.robust_weights(at[0], task.noise, task.loss)
+    weights = Weights(row, task.prior_scale or 1.0, task.prior[task.effects])
+    linear = task.linearised(model, at, row)
+    return State(model, at, task.position(model), weights, linear, task.scaled(linear), linear, np.zeros((0, 0)))
 
 
-def _evidence(rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.ndarray) -> float:
-    """The prior's scale τ that agrees with the geometric errors found, never below the stated tolerances.
-
-    Along an eigenvector of the data's information λ the unshrunk estimate has variance τ² + 1/λ. Evidence asks that
-    the shrunk ones have the size that they should have in the mean square (MacKay 1992). Where the data know many
-    directions better than the drawing does, their median is asked for and not the mean: something that the model
-    misses shows in a few directions, as errors of many tolerances, and must not make room for itself. Nothing here
-    depends on an earlier τ, so that τ is found at once.
-
-    Args:
-        rows: (·, n + 1) what the data say of a step from u.
-        prior: (n,) 1σ of the unknowns; that of geometry does not count.
-    """
-    corner = rows
-    if len(geometric) < len(u):
-        # In triangular form with the geometry last, its corner holds what the other unknowns leave of its information.
-        others = np.setdiff1d(np.arange(len(u)), geometric)
-        corner = least_squares.with_priors(rows[:, np.r_[others, geometric, -1]], -u[others], prior[others])
-        corner = np.asarray(np.linalg.qr(corner, mode="r"))[len(others) :, len(others) :]
-    J, y = corner[:, :-1], corner[:, -1]
-    of_data, V = np.linalg.eigh(J.T @ J)
-    known = of_data > 1
-    many = known.sum() >= _MANY
-    seen = known if many else of_data > 1e-6
-    if not seen.any():
-        return 1.0
-    estimate = (V.T @ (J.T @ (y + J @ u[geometric])))[seen] / of_data[seen]
-    share = _SCALES[:, None] ** 2 / (_SCALES[:, None] ** 2 + 1 / of_data[seen])
-    if many:
-        shrunk = np.sort(np.abs(estimate) * np.sqrt(share), axis=1)
-        size = 0.5 * (shrunk[:, (len(estimate) - 1) // 2] + shrunk[:, len(estimate) // 2]) / (_MEDIAN * _SCALES)
-    else:
-        size = np.sqrt(np.sum((share * estimate) ** 2, axis=1) / np.sum(share, axis=1)) / _SCALES
-    enough = np.flatnonzero(size <= 1)
-    if not len(enough) or enough[0] == 0:
-        return float(_SCALES[0 if len(enough) else -1])
-    between = slice(enough[0] - 1, enough[0] + 1)
-    return float(np.exp(np.interp(0.0, -np.log(np.maximum(size[between], 1e-300)), np.log(_SCALES[between]))))
+def reweigh_priors(task: Task, state: State) -> State:
+    """The state with the common scale of the priors that the data support here."""
+    estimated = task.prior_scale is None and len(task.geometric) > 0
+    if not estimated or state.damping or state.iterations >= _SETTLED or not np.isfinite(state.rows).all():
+        return state
+    scale = evidence.prior_scale(state.rows, state.u, task.held(state.weights), task.geometric)
+    return replace(state, weights=replace(state.weights, scale=scale))
 
 
-def _widths(u: np.ndarray, variance: np.ndarray, width: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """1σ of the priors of effects: one that is seen to be larger than usual is given room for it, and so not shrunk."""
-    gamma = 1.0 - variance / width**2
-    seen = np.isfinite(gamma) & (gamma > 0.5)
-    room = EFFECT_PRIOR_WIDTH * np.abs(u) / np.sqrt(np.where(seen, gamma, 1.0))
-    return np.where(seen, np.maximum(room, least), width)
+def step(task: Task, s: State) -> State:
+    """One step of Levenberg–Marquardt: accepted with its state, or rejected with more damping."""
+    held = task.held(s.weights)
+    largest = np.max(np.sum(s.rows[:, :-1] ** 2, axis=0), initial=1.0) if s.damping else 1.0
+    move, R = least_squares.solve(s.rows, -s.u, held, float(s.damping * largest))
+    s = replace(s, begun=s.linear, R=R)
+    if s.iterations >= task.max_iterations or not np.isfinite(move).all():
+        return replace(s, accepted=False, stuck=True)
+    model, at = _after(task, s, task.within(move, R, s.u))
+    u = task.position(model)
+    s = replace(s, iterations=s.iterations + 1)
+    if task.max_iterations == 1:
+        return replace(s, model=model, at=at, u=u, converged=True)
+    here, there = task.cost(s.u, s.at, s.weights), task.cost(u, at, s.weights)
+    if not there <= here + task.rounding + 2 * np.sqrt(here * task.rounding):
+        if s.damping and s.idle >= _IDLE:  # χ² jumps here, as by the sign of a load, though its slope does not vanish
+            return replace(s, accepted=False, stuck=True)
+        damping = max(_MORE_DAMPING * s.damping, _LEAST_DAMPING)
+        return replace(s, accepted=False, damping=damping)
+    negligible = NEGLIGIBLE * max(1.0, here / task.data.mask.sum())
+    idle = s.idle + 1 if here - there < negligible else 0
+    return replace(s, model=model, at=at, u=u, idle=idle, negligible=negligible, accepted=True)
 
 
-def robust_weights(error: np.ndarray, data: Measurements, loss: str) -> np.ndarray:
-    """Weight (N,) of each row from its residual length per component, in σ: metres and radians count alike."""
-    if loss == "linear":
-        return np.ones(len(error))
-    seen = ~np.isnan(error)
-    z2 = np.sum(np.where(seen, error / data.sigma, 0.0) ** 2, axis=1) / np.maximum(seen.sum(axis=1), 1)
-    z = np.sqrt(z2)
-    scale = max(1.0, float(np.median(z)) / 0.9)  # a misfit common to all rows is no outlier
-    z = z / (scale * ROBUST_AT)
-    return np.where(z <= 1, 1.0, 1 / np.maximum(z, 1)) if loss == "huber" else 1 / (1 + z * z)
+def relinearise(task: Task, s: State) -> State:
+    """The state after an accepted step with weights of rows and effects re-estimated, and linearised anew."""
+    row, room = evidence.robust_weights(s.at[0], task.noise, task.loss), s.weights.room
+    if len(task.effects) and not s.damping and s.iterations <= _SETTLED:
+        variance = least_squares.variances(s.R)[task.effects]
+        room = evidence.effect_room(s.u[task.effects], variance, room, task.prior[task.effects])
+    R = s.R
+    if s.damping:  # what is left to go is asked without damping
+        R = least_squares.solve(s.rows, -s.u, task.held(s.weights))[1]
+    weights = replace(s.weights, row=row, room=room)
+    linear = task.linearised(s.model, s.at, row)
+    return replace(s, weights=weights, linear=linear, rows=task.scaled(linear), R=R)
+
+
+def converged(task: Task, s: State, before: Weights) -> bool:
+    """Whether a state that was just linearised is a minimum: its weights are steady and there is nothing left to go."""
+    rows, room = s.weights.change(before)
+    if not (rows < _STEADY_ROWS and room < _STEADY_ROOM):
+        return False
+    left = _left(task, s)
+    gain = float(np.sum((s.R @ left) ** 2))
+    near = np.abs(left).max(initial=0.0) < TOLERANCE or gain < TOLERANCE
+    tired = s.idle >= _IDLE and (not s.damping or gain < s.negligible)
+    return bool(near or tired)
+
+
+def relaxed(s: State) -> State:
+    """The state with less damping, after a step that was accepted."""
+    return replace(s, damping=_LESS_DAMPING * s.damping if s.damping > _LEAST_DAMPING else 0.0)
+
+
+def finish(task: Task, s: State) -> State:
+    """The minimum, with the last correction taken where it helps: it is known already and worth more digits."""
+    model, at = _after(task, s, _left(task, s))
+    u = task.position(model)
+    if task.cost(u, at, s.weights) <= task.cost(s.u, s.at, s.weights):
+        s = replace(s, model=model, at=at, u=u)
+    return replace(s, converged=True)
+
+
+def _left(task: Task, s: State) -> np.ndarray:
+    """The next step as foreseen: by the slope here, and the information R from where the last one began."""
+    slope = s.rows[:, :-1].T @ s.rows[:, -1] - s.u / task.held(s.weights) ** 2
+    return task.within(least_squares.descend(s.R, slope), s.R, s.u)
+
+
+def _after(task: Task, s: State, move: np.ndarray) -> tuple[Model, At]:
+    """The model after a move (n,) in natural sizes, and its residuals."""
+    full = np.zeros(len(task.unknowns.names))
+    full[task.chosen] = move * task.scale
+    motion = s.linear.motion
+    foreseen = None if motion is None else motion @ full[: task.unknowns.n_geometry]
+    start = s.at[1].pose if foreseen is None else ahead(s.model, s.at[1], foreseen)
+    model = apply(s.model, task.unknowns, full)
+    return model, evaluate(model, task.data, start)

@@ -15,7 +15,8 @@ import numpy as np
 
 from pcalib import prediction
 from pcalib.data.measurement import Measurements
-from pcalib.fitting.identification import Fit, conditions_of
+from pcalib.fitting.linearisation import conditions_of
+from pcalib.fitting.result import Fit
 from pcalib.mechanics.mechanism import Pose
 from pcalib.prediction import Conditions
 

@@ -13,6 +13,7 @@ from bench import plan as plans
 from bench import truth as truths
 from bench.instrument import Instrument
 from pcalib import robot as robots
+from pcalib.data.noise import Noise
 from pcalib.diagnosis import figures, telling
 from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.diagnose import Why, diagnose
@@ -54,7 +55,7 @@ class TestComparison:
 
 
 def _judged(found, data, error):
-    return identification.accuracy(error[~data.check], data.sigma[~data.check], data.mask[~data.check], 0.0)
+    return identification.accuracy(error[~data.check], Noise.of(data).take(~data.check), 0.0)
 
 
 class Wave(Effect):

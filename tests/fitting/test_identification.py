@@ -10,6 +10,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification
 from pcalib.fitting.identifiability import PRIOR
+from pcalib.fitting.warnings import Code
 from pcalib.mechanics import kinematics
 from pcalib.model import FittedEffect, Frame, Model
 from pcalib.prediction import Conditions
@@ -198,7 +199,7 @@ def test_priors_widen_where_the_robot_is_worse_than_the_drawing(delta, perturb, 
         found = [identification.fit(measure(robot, 60, s), delta) for s, robot in enumerate(robots)]
         scale = np.mean([f.prior_scale for f in found])
         assert scale == pytest.approx(max(factor, 1.0), rel=0.15)
-        assert any("times the assumed tolerances" in w for w in found[0].warnings) == (factor > 1)
+        assert any("times the assumed tolerances" in str(w) for w in found[0].warnings) == (factor > 1)
 
 
 # --- rows -----------------------------------------------------------------------------------------------------------
@@ -238,7 +239,7 @@ def test_check_rows_that_cannot_be_reached_are_said_and_change_nothing(truth, me
     assert np.array_equal(plain.model.k, odd.model.k)
     assert np.isnan(odd.error[58]).all() and np.isfinite(odd.error[57]).all()
     assert odd.check is not None and np.isfinite(odd.check.chi2_dof) and odd.check.n_rows == 4
-    assert any("line 60" in w for w in odd.warnings) and not any("line 60" in w for w in plain.warnings)
+    assert any("line 60" in str(w) for w in odd.warnings) and not any("line 60" in str(w) for w in plain.warnings)
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
@@ -255,7 +256,7 @@ def test_gross_outliers_are_reported_and_do_not_spoil_the_fit(truth, measure, fr
     robust = disagreement(found.model, truth, fresh)[0]
     assert robust < {"huber": 3, "cauchy": 1.5}[loss] * clean and robust < 0.25 * plain
     assert set(np.flatnonzero(found.weight < 0.5)) == set(bad)
-    said = next(w for w in found.warnings if "far from the model" in w)
+    said = next(str(w) for w in found.warnings if w.code is Code.LITTLE_WEIGHT)
     assert "5 rows" in said and all(str(line) in said for line in bad + 2)
     assert found.accuracy.max_pos > 1e-3  # figures count every row
 
@@ -363,7 +364,7 @@ def test_rows_that_do_not_settle_are_said(delta):
             delta, q[rows], p.position[rows], p.rotation[rows], tool=tool, sigma_pos=1e-5, sigma_rot=1e-4
         )
         found = identification.fit(data, model, "nominal")
-        said = [w for w in found.warnings if "shut from either side" in w]
+        said = [str(w) for w in found.warnings if w.code is Code.UNSETTLED]
         assert len(said) == (number > 0) and np.isfinite(found.error).all()
         assert all(str(line) in said[0] for line in data.lines[len(settled) :])
 
@@ -461,9 +462,10 @@ def test_expectations_follow_the_readings(truth, measure):
 
 def test_position_only_with_one_tool_is_warned_of(truth, measure):
     found = identification.fit(measure(truth, 60, rotations=False), truth.robot)
-    assert any("tilt is not seen" in w for w in found.warnings)
+    assert any("tilt is not seen" in str(w) for w in found.warnings)
     for options in ({"rotations": False, "tools": LENGTHS}, {}):
-        assert not any("tilt" in w for w in identification.fit(measure(truth, 60, **options), truth.robot).warnings)
+        found = identification.fit(measure(truth, 60, **options), truth.robot)
+        assert Code.TILT_UNSEEN not in {w.code for w in found.warnings}
 
 
 def test_swapped_joint_columns_are_named(truth, measure):
@@ -561,3 +563,10 @@ def test_a_drift_is_found_whatever_the_clock_reads(delta, perturb, measure, star
     assert found.check is not None and found.check.chi2_dof < 1.6
     later = data.take(np.arange(80) >= 20)
     assert identification.fit(later, found.model).model.time_origin == start
+
+
+def test_a_fit_says_itself_in_a_line_and_in_a_summary(truth, measure):
+    found = identification.fit(measure(truth, 40, rotations=False), truth.robot)
+    assert len(repr(found)) < 120 and "complete converged" in repr(found)
+    lines = found.summary().splitlines()
+    assert lines[0] == found.headline() and len(lines) == 1 + len(found.warnings) > 1

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pcalib import effects
-from pcalib.fitting import identification, minimisation
+from pcalib.data.noise import Noise
+from pcalib.fitting import evidence, identification, minimisation
 from pcalib.fitting.linearisation import residuals
 from pcalib.fitting.unknowns import unknowns_of
 from pcalib.model import FittedEffect, Frame, Model
@@ -48,7 +49,7 @@ def test_the_prior_of_the_targets_place_is_not_widened_as_an_effects(delta, pert
         widened.append(len(u))
         return width
 
-    monkeypatch.setattr(minimisation, "_widths", widths)
+    monkeypatch.setattr(evidence, "effect_room", widths)
     ratio = FittedEffect(effects.get("gear_ratio", "arm", delta), np.zeros(3))
     frame = Frame(np.eye(3), np.array([1.0, 2.0, 0.5]), np.array([0.0, 0.0, -0.04]))
     data = measure(replace(Model.nominal(delta), k=perturb(3), frame=frame), 60)
@@ -80,9 +81,9 @@ def test_damping_is_no_information(delta, beside_a_cliff, most):
     data, signs = beside_a_cliff
     start = replace(Model.nominal(delta), level="complete", effects=tuple(signs))
     unknowns = unknowns_of(start, "complete", signs)
-    chosen = np.arange(len(unknowns.names))
-    state = minimisation.minimise(start, data, unknowns, chosen, residuals(start, data), max_iterations=most)
-    J = state.linear.triangle[:, :-1] * unknowns.scale
+    task = minimisation.Task(data, Noise.of(data), unknowns, np.arange(len(unknowns.names)), max_iterations=most)
+    state = minimisation.minimise(task, start, residuals(start, data))
+    J = state.begun.triangle[:, :-1] * unknowns.scale
     said = np.diag(state.R.T @ state.R) - np.sum(J**2, axis=0)
     most_said = (unknowns.scale / unknowns.prior) ** 2
     assert (said < 1.01 * most_said + 1e-9 * np.sum(J**2, axis=0)).all()

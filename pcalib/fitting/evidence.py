@@ -1,0 +1,114 @@
+"""The outer loop of a fit: weights that depend on where the search stands.
+
+Three things are re-estimated after a step, while the step itself takes them as known: robust weights of rows, the
+common scale of the manufacturing priors, and the widths of the priors of effects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcalib.data.noise import Noise
+from pcalib.fitting import least_squares
+from pcalib.fitting.unknowns import EFFECT_PRIOR_WIDTH
+
+ROBUST_AT = 2.5
+"""σ per component beyond which a row weighs less under a robust loss; Gaussian rows of six readings stay below it."""
+_MEDIAN_RMS = 0.9
+"""Median over rows of the RMS of a few standard normal readings: 0.94 of six, 0.89 of three."""
+_MANY = 20
+"""Directions that the data know better than the drawing does, from which on their median is used: the median of 20 is
+known to 25 %, which is enough for a scale of priors."""
+_SCALES = np.geomspace(1.0, 100.0, 60)
+"""Candidates for the scale of the priors, 8 % apart; the result is interpolated between them."""
+_MEDIAN = 0.6745
+"""Median of |z| for a standard normal z."""
+_KNOWN = 0.5
+"""Share of an effect's prior variance that the data must take away before its prior is widened."""
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What the outer loop decides."""
+
+    row: np.ndarray
+    """(N,) robust weight of each row."""
+    scale: float
+    """Common factor on the priors of the geometry."""
+    room: np.ndarray
+    """(n_effects,) 1σ of the priors of effects, in natural sizes."""
+
+    def change(self, before: Weights) -> tuple[float, float]:
+        """Largest change of a row's weight, and largest relative change of an effect's prior."""
+        return np.abs(self.row - before.row).max(), np.abs(self.room / before.room - 1).max(initial=0.0)
+
+
+def robust_weights(error: np.ndarray, noise: Noise, loss: str) -> np.ndarray:
+    """Weight (N,) of each row by the RMS z of its whitened residuals: 'huber' min(1, c/z), 'cauchy' 1/(1 + (z/c)²).
+
+    The threshold c grows with the median of all rows, because a misfit that all rows share makes no outliers.
+    """
+    if loss == "linear":
+        return np.ones(len(error))
+    square = np.nan_to_num(noise.whiten(error)) ** 2
+    seen = (~np.isnan(error)).sum(axis=1)
+    z = np.sqrt(np.bincount(noise.row, square, len(error)) / np.maximum(seen, 1))
+    z = z / (max(1.0, float(np.median(z)) / _MEDIAN_RMS) * ROBUST_AT)
+    return np.where(z <= 1, 1.0, 1 / np.maximum(z, 1)) if loss == "huber" else 1 / (1 + z * z)
+
+
+def prior_scale(rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.ndarray) -> float:
+    """The prior's scale τ that agrees with the geometric errors found, never below the stated tolerances.
+
+    Along an eigenvector of the data's information λ the unshrunk estimate has variance τ² + 1/λ. Evidence asks that
+    the shrunk ones have the size that they should have in the mean square (MacKay 1992). Where the data know many
+    directions better than the drawing does, the median replaces the mean square: something that the model misses shows
+    in a few directions, as errors of many tolerances, and must not make room for itself. The result does not depend on
+    an earlier τ, so that no iteration over τ is needed.
+
+    Args:
+        rows: (·, n + 1) what the data say of a step from u.
+        u: (n,) position, in natural sizes.
+        prior: (n,) 1σ of the unknowns; that of the geometry does not count.
+        geometric: indices of the geometric unknowns.
+    """
+    corner = rows
+    if len(geometric) < len(u):
+        # In triangular form with the geometry last, its corner holds what the other unknowns leave of its information.
+        others = np.setdiff1d(np.arange(len(u)), geometric)
+        corner = least_squares.with_priors(rows[:, np.r_[others, geometric, -1]], -u[others], prior[others])
+        corner = np.asarray(np.linalg.qr(corner, mode="r"))[len(others) :, len(others) :]
+    J, y = corner[:, :-1], corner[:, -1]
+    of_data, V = np.linalg.eigh(J.T @ J)
+    known = of_data > 1
+    many = known.sum() >= _MANY
+    seen = known if many else of_data > 1e-6
+    if not seen.any():
+        return 1.0
+    estimate = (V.T @ (J.T @ (y + J @ u[geometric])))[seen] / of_data[seen]
+    share = _SCALES[:, None] ** 2 / (_SCALES[:, None] ** 2 + 1 / of_data[seen])
+    if many:
+        shrunk = np.sort(np.abs(estimate) * np.sqrt(share), axis=1)
+        size = 0.5 * (shrunk[:, (len(estimate) - 1) // 2] + shrunk[:, len(estimate) // 2]) / (_MEDIAN * _SCALES)
+    else:
+        size = np.sqrt(np.sum((share * estimate) ** 2, axis=1) / np.sum(share, axis=1)) / _SCALES
+    enough = np.flatnonzero(size <= 1)
+    if not len(enough) or enough[0] == 0:
+        return float(_SCALES[0 if len(enough) else -1])
+    between = slice(enough[0] - 1, enough[0] + 1)
+    return float(np.exp(np.interp(0.0, -np.log(np.maximum(size[between], 1e-300)), np.log(_SCALES[between]))))
+
+
+def effect_room(u: np.ndarray, variance: np.ndarray, room: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """1σ of the priors of effects: an effect that the data see to be larger than usual is given room, and not shrunk.
+
+    Args:
+        u: (n,) values, and `variance` (n,) of them, in natural sizes.
+        room: (n,) 1σ so far; `least` (n,) that of the library.
+    """
+    gamma = 1.0 - variance / room**2
+    seen = np.isfinite(gamma) & (gamma > _KNOWN)
+    wide = EFFECT_PRIOR_WIDTH * np.abs(u) / np.sqrt(np.where(seen, gamma, 1.0))
+    return np.where(seen, np.maximum(wide, least), room)

@@ -1,0 +1,163 @@
+"""What to know about a fit that was made: one function per warning, each with its code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pcalib import units, wording
+
+if TYPE_CHECKING:
+    from pcalib.fitting.result import Fit
+
+LEFT_OUT = 1.5
+"""Warn when rotations that the level leaves out exceed this many σ (RMS): no noise of 20 readings or more does."""
+WIDENED = 2.0
+"""Warn when the manufacturing priors were widened by more than this: chance alone reaches 1.3 with 40 directions."""
+FAR = 6
+"""Warn of rows more than this many times as far off as the median row: noise alone reaches 3 in a thousand rows."""
+LIGHT = 0.5
+"""Warn of rows whose robust weight is below this."""
+_MOST = 8
+"""Line numbers that a warning spells out."""
+
+
+class Code(Enum):
+    """Kinds of warnings of a fit, for programs."""
+
+    ROTATIONS_LEFT_OUT = "rotations_left_out"
+    FEW_DIRECTIONS = "few_directions"
+    PRIORS_WIDENED = "priors_widened"
+    TILT_UNSEEN = "tilt_unseen"
+    EFFECT_UNPHYSICAL = "effect_unphysical"
+    LITTLE_WEIGHT = "little_weight"
+    FAR_ROWS = "far_rows"
+    UNSETTLED = "unsettled"
+    OTHER_ROBOT = "other_robot"
+    OUT_OF_REACH = "out_of_reach"
+
+
+@dataclass(frozen=True)
+class Caution:
+    """A warning."""
+
+    code: Code
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def cautions(fit: Fit, unsettled: np.ndarray | None = None) -> tuple[Caution, ...]:
+    """All warnings about a fit.
+
+    Args:
+        unsettled: (n,) bool, fitted rows at which loads and pose do not settle.
+    """
+    found = [(code, text) for code, check in _CHECKS.items() for text in check(fit)]
+    if unsettled is not None:
+        lines = _lines(fit.data.lines[~fit.data.check][unsettled])
+        text = (
+            f"{lines}: the load pushes a gap shut from either side, so that the model's reading there is uncertain by "
+            "that gap"
+        )
+        found.append((Code.UNSETTLED, text))
+    return tuple(Caution(code, text) for code, text in found)
+
+
+def _rotations_left_out(fit: Fit) -> Iterator[str]:
+    if fit.left_out > LEFT_OUT:
+        yield (
+            f"level {fit.candidate.level} takes parallelograms as perfect: measured rotations are left out, and are "
+            f"{wording.deviation(fit.accuracy.rms_rot, 'rad')} RMS off, {fit.left_out:.1f}× their σ"
+        )
+
+
+def _few_directions(fit: Fit) -> Iterator[str]:
+    if fit.n_identified < fit.expected:
+        yield (
+            f"{fit.n_identified} of {fit.expected} directions are supported by these poses; priors hold the others"
+        )
+
+
+def _priors_widened(fit: Fit) -> Iterator[str]:
+    if fit.prior_scale > WIDENED:
+        yield (
+            f"geometric errors are about {fit.prior_scale:.1f} times the assumed tolerances; the priors were widened "
+            "accordingly"
+        )
+
+
+def _tilt_unseen(fit: Fit) -> Iterator[str]:
+    fitted = ~fit.data.check
+    one_tool = np.ptp(fit.data.tool[fitted], axis=0).max() < 1e-6
+    if one_tool and not fit.data.mask[fitted, 3:].any() and not fit.unknowns.level.perfect:
+        yield (
+            "position only, with one tool: the plate's tilt is not seen, and other tools are not calibrated; measure "
+            "with two more tool lengths or with orientations"
+        )
+
+
+def _effect_unphysical(fit: Fit) -> Iterator[str]:
+    for f in fit.candidate.effects:
+        for p, value in zip(f.effect.parameters, f.theta, strict=True):
+            if not p.low <= value <= p.high:
+                shown = f"{wording.figure(value / units.factor(p.unit))} {units.spoken(p.unit)}".strip()
+                yield f"{f.effect.name}: {p.name} = {shown} lies outside what is physical"
+
+
+def _little_weight(fit: Fit) -> Iterator[str]:
+    lines = fit.data.lines[fit.weight < LIGHT]
+    if len(lines):
+        yield f"{_rows(len(lines), 'far from the model')} and of little weight ({_lines(lines)}); look there"
+
+
+def _far_rows(fit: Fit) -> Iterator[str]:
+    fitted = ~fit.data.check
+    length = np.linalg.norm(np.nan_to_num(fit.error[fitted, :3]), axis=1)
+    limit = FAR * np.maximum(np.median(length), fit.data.sigma[fitted, 0])
+    lines = fit.data.lines[fitted][(length > limit) & (fit.weight[fitted] >= LIGHT)]
+    if len(lines):
+        yield (
+            f"{_lines(lines)}: more than {FAR} times as far from the model as half of all rows; do command and "
+            "measurement belong together? --loss huber gives such rows little weight"
+        )
+
+
+def _other_robot(fit: Fit) -> Iterator[str]:
+    named, robot = fit.data.robot_name, fit.candidate.robot.name
+    if named and named != robot:
+        yield f"the file names robot '{named}', the robot file is of '{robot}'"
+
+
+def _out_of_reach(fit: Fit) -> Iterator[str]:
+    data = fit.data
+    lines = data.lines[data.check & data.mask.any(axis=1) & np.isnan(fit.error).all(axis=1)]
+    if len(lines):
+        yield f"{_rows(len(lines), 'out of the fitted reach, held out')} and not counted ({_lines(lines)})"
+
+
+_CHECKS: dict[Code, Callable[[Fit], Iterator[str]]] = {
+    Code.ROTATIONS_LEFT_OUT: _rotations_left_out,
+    Code.FEW_DIRECTIONS: _few_directions,
+    Code.PRIORS_WIDENED: _priors_widened,
+    Code.TILT_UNSEEN: _tilt_unseen,
+    Code.EFFECT_UNPHYSICAL: _effect_unphysical,
+    Code.LITTLE_WEIGHT: _little_weight,
+    Code.FAR_ROWS: _far_rows,
+    Code.OTHER_ROBOT: _other_robot,
+    Code.OUT_OF_REACH: _out_of_reach,
+}
+
+
+def _lines(lines: np.ndarray) -> str:
+    more = ", …" if len(lines) > _MOST else ""
+    return f"line{'s' * (len(lines) > 1)} {', '.join(str(int(line)) for line in lines[:_MOST])}{more}"
+
+
+def _rows(n: int, what: str) -> str:
+    return f"{n} rows are {what}" if n > 1 else f"1 row is {what}"
