@@ -135,10 +135,14 @@ def evaluate(model: Model, data: Measurements, start: Pose | None = None) -> tup
     def joined(name: str) -> np.ndarray:
         return np.concatenate([getattr(p, name) for _, p in parts])
 
-    pose = Pose(*(np.concatenate([getattr(p.pose, name) for _, p in parts]) for name in ("x", "R", "phi")))
-    unsettled = joined("reached") & (joined("status") != "ok")
-    readings = (joined(name) for name in ("position", "rotation", "q"))
-    slim = Prediction(*readings, pose, joined("tool"), Contribution(), joined("status"), unsettled=unsettled)
+    poses = [p.pose for _, p in parts]
+    each = ([p.x for p in poses], [p.R for p in poses], [p.phi for p in poses])
+    pose = Pose(*(np.concatenate(part) for part in each))
+    status = joined("status")
+    slim = Prediction(
+        joined("position"), joined("rotation"), joined("q"), pose, joined("tool"), Contribution(), status,
+        unsettled=joined("reached") & (status != "ok"),
+    )  # fmt: skip
     return np.concatenate([error for error, _ in parts]), slim
 
 
