@@ -7,7 +7,7 @@ import pytest
 
 from pcalib.fitting import identification
 from pcalib.fitting.identification import Accuracy
-from pcalib.fitting.warnings import Code
+from pcalib.fitting.result import Code
 from pcalib.model import Model
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cached_property
 
 import numpy as np
@@ -13,11 +14,36 @@ from pcalib.data.noise import Noise
 from pcalib.errors import FitError
 from pcalib.fitting.identifiability import Identifiability
 from pcalib.fitting.unknowns import Unknowns, current
-from pcalib.fitting.warnings import Caution
 from pcalib.model import Model
 
 _OVERSTATED = 0.5
 """χ² per degree of freedom below which σ is doubted."""
+
+
+class Code(Enum):
+    """Kinds of warnings of a fit, for programs."""
+
+    ROTATIONS_LEFT_OUT = "rotations_left_out"
+    FEW_DIRECTIONS = "few_directions"
+    PRIORS_WIDENED = "priors_widened"
+    TILT_UNSEEN = "tilt_unseen"
+    EFFECT_UNPHYSICAL = "effect_unphysical"
+    LITTLE_WEIGHT = "little_weight"
+    FAR_ROWS = "far_rows"
+    UNSETTLED = "unsettled"
+    OTHER_ROBOT = "other_robot"
+    OUT_OF_REACH = "out_of_reach"
+
+
+@dataclass(frozen=True)
+class Caution:
+    """A warning."""
+
+    code: Code
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from enum import Enum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pcalib import units, wording
-
-if TYPE_CHECKING:
-    from pcalib.fitting.result import Fit
+from pcalib.fitting.result import Caution, Code, Fit
 
 LEFT_OUT = 1.5
 """Warn when rotations that the level leaves out exceed this many σ (RMS): no noise of 20 readings or more does."""
@@ -24,32 +19,6 @@ LIGHT = 0.5
 """Warn of rows whose robust weight is below this."""
 _MOST = 8
 """Line numbers that a warning spells out."""
-
-
-class Code(Enum):
-    """Kinds of warnings of a fit, for programs."""
-
-    ROTATIONS_LEFT_OUT = "rotations_left_out"
-    FEW_DIRECTIONS = "few_directions"
-    PRIORS_WIDENED = "priors_widened"
-    TILT_UNSEEN = "tilt_unseen"
-    EFFECT_UNPHYSICAL = "effect_unphysical"
-    LITTLE_WEIGHT = "little_weight"
-    FAR_ROWS = "far_rows"
-    UNSETTLED = "unsettled"
-    OTHER_ROBOT = "other_robot"
-    OUT_OF_REACH = "out_of_reach"
-
-
-@dataclass(frozen=True)
-class Caution:
-    """A warning."""
-
-    code: Code
-    text: str
-
-    def __str__(self) -> str:
-        return self.text
 
 
 def cautions(fit: Fit, unsettled: np.ndarray | None = None) -> tuple[Caution, ...]:

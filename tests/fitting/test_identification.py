@@ -10,7 +10,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification
 from pcalib.fitting.identifiability import PRIOR
-from pcalib.fitting.warnings import Code
+from pcalib.fitting.result import Code
 from pcalib.mechanics import kinematics
 from pcalib.model import FittedEffect, Frame, Model
 from pcalib.prediction import Conditions
