@@ -14,7 +14,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from multiprocessing import connection
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
@@ -41,7 +41,7 @@ class DiedError(PcalibError):
 
 def unordered(
     work: Callable[[Item], Answer], items: Iterable[Item], workers: int
-) -> Iterator[tuple[Item, Answer | DiedError]]:
+) -> Generator[tuple[Item, Answer | DiedError], None, None]:
     """Yield each item with its answer, in the order in which answers arrive.
 
     Args:

@@ -5,49 +5,81 @@ tools of 0, 100 and 300 mm. Random poses are measured bare; the planner may use 
 without tilt. Reference values are those of an independent study of the paper's method.
 """
 
-from dataclasses import replace
+from __future__ import annotations
+
+import json
+import tomllib
 from functools import lru_cache
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from bench.jobs.accuracy import DEGREE, EVERY, Conditions, Outcome, study
-from pcalib import robot as robots
+from bench.jobs import running
+from bench.jobs.campaign.study import Campaign
+from bench.kinds import MODELS
 
-SIZES = {"0.1 mm": (0.1e-3, 0.05 * DEGREE), "0.5 mm": (0.5e-3, 0.2 * DEGREE)}
+SIZES = {"0.1 mm": (0.1, 0.05), "0.5 mm": (0.5, 0.2)}
 LADDER = ("nominal", "classical", "model24", "paper", "complete")
+TOOLS = (0, 100, 300)
+
+
+class Found:
+    """Rows of a campaign, as arrays."""
+
+    def __init__(self, rows: dict[str, list[Any]]):
+        self.rows = {name: np.array(values) for name, values in rows.items()}
+        assert set(rows["status"]) == {"ok"}, set(rows["reason"])  # every fit converged
+
+    def of_each(self, method: str, figure: str = "rms_um") -> np.ndarray:
+        """(tools, robots) [m] a figure of each robot."""
+        at = [(self.rows["method"] == method) & (self.rows["tool_length_mm"] == tool) for tool in TOOLS]
+        return np.array([self.rows[figure][here] for here in at]) * 1e-6
+
+    def rms(self, method: str) -> np.ndarray:
+        """(tools,) [m] root of the mean squared error over robots and targets."""
+        return np.sqrt(np.mean(self.of_each(method) ** 2, axis=1))
 
 
 @lru_cache
-def outcome(size: str, choice: str, rungs: tuple[str, ...], joint_min: float | None = None, **options) -> Outcome:
+def found(size: str, kind: str, methods: tuple[str, ...], robots: int = 20, **more: Any) -> Found:
     length, angle = SIZES[size]
-    robot = robots.load(Path(__file__).parents[1] / "models" / "delta.toml")
-    if joint_min is not None:
-        robot = replace(robot, joint_min=joint_min)
-    conditions = Conditions(sigma_length=length, sigma_angle=angle, choice=choice, **options)
-    return study(robot, conditions, [rung for rung in EVERY if rung.name in rungs])
+    bare = [0] if kind != "d-optimal" else list(TOOLS)
+    robot = tomllib.loads((MODELS / "delta.toml").read_text())
+    if "joint_min" in more:
+        robot["joints"]["min_deg"] = more["joint_min"]
+    spec = {
+        "name": "acceptance",
+        "robot": robot,
+        "robots": robots,
+        "geometry": {"sigma_length_mm": length, "sigma_angle_deg": angle},
+        "instrument": {"sigma_pos_mm": 0.02, "sigma_rot_deg": 0.005, **dict(more.get("instrument", ()))},
+        "plan": {"kind": kind, "poses": 40, "tools_mm": bare, **dict(more.get("plan", ()))},
+        "verify": {"tools_mm": list(TOOLS), "places": "grid", "spacing_mm": 65, **dict(more.get("verify", ()))},
+        "method": [{"name": name} for name in methods],
+        "output": {"map_robots": 0},
+    }
+    return Found(running.table(Campaign.parse(json.dumps(spec))).to_pydict())
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize(("choice", "bound"), [("joint", 35e-6), ("d-optimal", 20e-6)])
 def test_complete_calibration_is_on_target_with_every_tool(size, choice, bound):
-    found = outcome(size, choice, LADDER if choice == "joint" else ("paper", "complete"))
-    assert found.statuses == {"converged": 20 * sum(rung != "nominal" for rung in found.rungs)}
-    complete = found.rms["complete"]
-    assert (complete <= bound).all(), found.table()
-    assert complete[2] < {"joint": 1.6, "d-optimal": 1.2}[choice] * complete[0], found.table()  # flat in tool length
-    on_target = found.errors[found.rungs.index("complete")]
-    assert np.isfinite(on_target).mean() > 0.999
+    study = found(size, choice, LADDER if choice == "joint" else ("paper", "complete"))
+    complete = study.rms("complete")
+    assert (complete <= bound).all(), complete
+    assert complete[2] < {"joint": 1.6, "d-optimal": 1.2}[choice] * complete[0], complete  # flat in tool length
+    on_target = study.rows["method"] == "complete"
+    assert study.rows["reached"][on_target].sum() > 0.999 * study.rows["targets"][on_target].sum()
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_perfect_parallelograms_miss_in_proportion_to_the_tool(size):
-    found = outcome(size, "joint", LADDER)
-    for rung in ("nominal", "classical", "model24"):
-        assert found.rms[rung][2] > 1.4 * found.rms[rung][0]
-    assert found.rms["model24"][2] > 40 * found.rms["model24"][0]
-    assert found.rms["model24"][2] > 50 * found.rms["complete"][2]
+    study = found(size, "joint", LADDER)
+    for method in ("nominal", "classical", "model24"):
+        assert study.rms(method)[2] > 1.4 * study.rms(method)[0]
+    assert study.rms("model24")[2] > 40 * study.rms("model24")[0]
+    assert study.rms("model24")[2] > 50 * study.rms("complete")[2]
 
 
 # RMS and largest |TCP error| in mm with tools of 0, 100, 300 mm.
@@ -76,27 +108,31 @@ def test_the_papers_method_and_those_before_it_come_out_as_in_the_study(size):
     and their means over the robots are compared. Forty robots: the means of twenty, as the reference has, scatter by
     8 % (1σ), and by 15 % where the second order counts.
     """
-    found = outcome(size, "interior", tuple(STUDY[size]), joint_min=-95 * DEGREE, robots=40, targets="rings")
-    assert found.lost == 0 and found.errors.shape[-1] == 365
-    for rung, (rms, largest) in STUDY[size].items():
-        label = f"{rung}\n{found.table()}"
-        np.testing.assert_allclose(found.rms_of_each[rung].mean(axis=1) * 1e3, rms, rtol=0.2, err_msg=label)
-        np.testing.assert_allclose(found.largest_of_each[rung].mean(axis=1) * 1e3, largest, rtol=0.25, err_msg=label)
+    places, inside = (("places", "rings"), ("spacing_mm", 0)), (("inside", 0.95),)
+    study = found(size, "random", tuple(STUDY[size]), 40, joint_min=-95, plan=inside, verify=places)
+    assert (study.rows["reached"] == 365).all() and (study.rows["targets"] == 365).all()
+    for method, (rms, largest) in STUDY[size].items():
+        np.testing.assert_allclose(study.of_each(method).mean(axis=1) * 1e3, rms, rtol=0.2, err_msg=method)
+        of_each = study.of_each(method, "max_um").mean(axis=1)
+        np.testing.assert_allclose(of_each * 1e3, largest, rtol=0.25, err_msg=method)
 
 
 def test_positions_alone_need_several_tools():
     """Without orientations: three tools calibrate all tools, one calibrates itself only."""
-    options = {"rotations": False, "robots": 8, "poses": 60}
-    three = outcome("0.1 mm", "joint", ("complete",), **options).rms["complete"]
-    one = outcome("0.1 mm", "joint", ("complete",), measured=(0.0,), **options).rms["complete"]
+    blind = (("kind", "position"), ("sigma_rot_deg", 0))
+
+    def complete(*tools: int) -> np.ndarray:
+        plan = (("poses", 60), ("tools_mm", tools))
+        return found("0.1 mm", "joint", ("complete",), 8, instrument=blind, plan=plan).rms("complete")
+
+    three, one = complete(*TOOLS), complete(0)
     assert (three < 45e-6).all()
     assert one[0] < 45e-6 and one[1] > 80e-6 and one[2] > 250e-6
 
 
 def test_noise_is_what_is_left():
     """Half the noise, half the error: nothing else limits the complete calibration."""
-    plain = outcome("0.5 mm", "joint", ("complete",), robots=8).rms["complete"]
-    quiet = outcome("0.5 mm", "joint", ("complete",), robots=8, noise_pos=0.01e-3, noise_rot=0.0025 * DEGREE).rms[
-        "complete"
-    ]
+    plain = found("0.5 mm", "joint", ("complete",), 8).rms("complete")
+    half = (("sigma_pos_mm", 0.01), ("sigma_rot_deg", 0.0025))
+    quiet = found("0.5 mm", "joint", ("complete",), 8, instrument=half).rms("complete")
     np.testing.assert_allclose(quiet / plain, 0.5, atol=0.08)

@@ -11,7 +11,7 @@ TEXTS = {"problem", "remedy", "note", "message"}
 TESTS = {"startswith", "endswith", "find", "index", "match", "search", "fullmatch"}
 """Calls that look into a text."""
 WAITING = {
-    "getattr": {"bench/jobs/campaign/trial.py"},
+    "getattr": set(),
     "text": {
         "pcalib/diagnosis/figures.py", "pcalib/diagnosis/telling.py",
     },

@@ -23,6 +23,7 @@ def command(
     workers: WorkersOption | None = None,
     scheduler: str | None = None,
     figures: Annotated[bool, Parameter(negative="--no-figures")] = True,
+    yes: bool = False,
     json: JsonOption = None,
 ) -> int:
     """Measure, calibrate and check many virtual robots, and see what accuracy to expect.
@@ -36,29 +37,25 @@ def command(
         workers: Processes on this machine; one per core when absent. Results do not depend on it.
         scheduler: Address of a dask scheduler, whose workers are used instead.
         figures: Whether to draw plots and recordings; --no-figures leaves them out.
+        yes: Begin a campaign of more than 20,000 robots without asking.
     """
+    from bench.jobs import running
+    from bench.jobs.campaign import size, summary
     from bench.jobs.campaign import spec as specs
-    from bench.jobs.campaign import summary
-    from bench.jobs.campaign import workers as pools
-    from bench.jobs.campaign.run import run
+    from bench.jobs.campaign.study import Campaign
     from pcalib.cli import frame
 
     campaign = specs.load(spec)
-    kept = 0
+    if not yes and not (output / "campaign.json").exists():
+        size.require_agreement(campaign, workers, scheduler)
     try:
         with frame.progress(campaign.name, campaign.n_trials, "robots") as advance:
-
-            def done(robots: int) -> None:
-                nonlocal kept
-                kept += robots
-                advance(robots)
-
-            outcome = run(campaign, output, workers, scheduler, done)
-    except KeyboardInterrupt:
-        frame.say(f"{kept} of {campaign.n_trials} robots are kept; the same command goes on from there")
+            outcome = running.run(Campaign(campaign), output, workers, scheduler, advance, frame.say)
+    except running.Interrupted as interrupt:
+        frame.say(f"{interrupt.kept} of {campaign.n_trials} robots are kept; the same command goes on from there")
         raise
     if outcome.trials:
-        where = pools.describe(outcome.workers, scheduler)
+        where = running.describe(outcome.workers, scheduler)
         frame.say(f"{outcome.trials} robots in {outcome.seconds:.1f} s on {where}: {outcome.rate:.1f} robots/s")
     else:
         frame.say("all robots were done before")

@@ -46,7 +46,7 @@ def command(
     """
     import time
 
-    from bench.jobs import demo
+    from bench.jobs import demo, demo_report
     from bench.kinds import MODELS
     from pcalib import robot as robots
     from pcalib.cli import frame
@@ -72,7 +72,7 @@ def command(
     settings = demo.Settings(poses=poses, seed=seed, tools=tools, **given)
     with frame.progress("measuring, identifying and landing", demo.stages(settings)) as advance:
         done = demo.run(described, settings, advance)
-    files = demo.write(done, output)
+    made = demo_report.write(done, output)
     frame.write_json(json, demo.content(done))
-    demo.show(done, files, time.monotonic() - begun)
+    demo_report.show(done, made, time.monotonic() - begun)
     return frame.OK

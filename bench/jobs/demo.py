@@ -5,10 +5,7 @@ Nothing passes from the virtual robot to the calibration but a data file; nothin
 
 from __future__ import annotations
 
-import os
-import shutil
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,15 +16,13 @@ from bench import simulate
 from bench import truth as truths
 from bench.commands import Commands
 from bench.instrument import Instrument
+from bench.jobs.methods import LADDER, Method
 from bench.machine import Machine
 from bench.plan import Plan
 from bench.truth import Truth
-from pcalib import compensation, files, modelfile, planning, summary, workspace
+from pcalib import compensation, modelfile, planning, summary, workspace
 from pcalib import ladder as ladders
-from pcalib.cli import frame
-from pcalib.data import measurement
 from pcalib.data.measurement import Measurements
-from pcalib.fitting import identification
 from pcalib.fitting.identification import Fit
 from pcalib.ladder import ErrorMap, Ladder, Step
 from pcalib.model import Model
@@ -66,38 +61,6 @@ def straight(robot: Robot, lengths: Sequence[float] = (0.0, 0.1, 0.3)) -> tuple[
     return tuple(tuple((length * robot.mechanism.tool_direction).tolist()) for length in lengths)
 
 
-@dataclass(frozen=True)
-class Rung:
-    """One way to calibrate."""
-
-    name: str
-    label: str
-    text: str
-    """What is done, beside what the level lets vary."""
-    fit: Mapping[str, Any] | None = None
-    """Arguments of :func:`identification.fit`; None: the robot as drawn."""
-    method: str = "exact"
-
-
-RUNGS = (
-    Rung("nominal", "Nominal", "The robot as drawn: whatever is wrong with it shows at the TCP.", method="none"),
-    Rung("classical", "Classical", "", {"level": "classical", "method": "base"}),
-    Rung("model24", "Model 24", "", {"level": "model24", "method": "base"}),
-    Rung(
-        "paper", "Paper, linear",
-        "Found by one linear step; commands corrected to first order, as in the paper. What is left is of second order "
-        "in the errors.",
-        {"level": "complete", "method": "linear"}, "first-order",
-    ),
-    Rung(
-        "complete", "Complete",
-        "Found by non-linear least squares with manufacturing tolerances as priors; commands from the exact inverse. "
-        "What is left is what the instrument cannot resolve.",
-        {"level": "complete", "method": "map"},
-    ),
-)  # fmt: skip
-
-
 @dataclass(frozen=True, eq=False)
 class Demo:
     """What came out."""
@@ -133,7 +96,7 @@ def run(robot: Robot, settings: Settings, advance: Callable[[], None] = lambda: 
     plan = measuring_plan(robot, settings)
     advance()
     data = simulate.run(truth, plan, settings.seed).measurements
-    steps = tuple(climb(data, robot, rung) for rung in RUNGS if _possible(robot, rung))
+    steps = tuple(climb(data, robot, method) for method in LADDER if method.level in robot.mechanism.levels)
     advance()
     plate = workspace.workspace_grid(robot, settings.spacing)
     machine = truth.machine()
@@ -152,7 +115,7 @@ def run(robot: Robot, settings: Settings, advance: Callable[[], None] = lambda: 
 
 def stages(settings: Settings) -> int:
     """How often `run` calls `advance`."""
-    return 2 + len(settings.tools) * len(RUNGS)
+    return 2 + len(settings.tools) * len(LADDER)
 
 
 def measuring_plan(robot: Robot, settings: Settings) -> Plan:
@@ -167,19 +130,15 @@ def measuring_plan(robot: Robot, settings: Settings) -> Plan:
     return Plan(Commands.of(q, tools), np.full(len(q), -1), held_out, "d-optimal")
 
 
-def climb(data: Measurements, robot: Robot, rung: Rung) -> Step:
+def climb(data: Measurements, robot: Robot, method: Method) -> Step:
     """Identify one step of the ladder."""
-    if rung.fit is None:
-        return Step(rung.name, rung.label, Model.nominal(robot), rung.method, rung.text)
-    fit = identification.fit(data, robot, **rung.fit)
+    if not method.identifies:
+        return Step(method.name, method.label, Model.nominal(robot), "none", method.text)
+    fit = method.identify(data, robot)
     figures = summary.statistics(fit)
     model = replace(fit.model, history=(modelfile.snapshot(fit.model, "fit", data=data.source, **figures),))
-    text = f"{robot.mechanism.levels[model.level].text} {rung.text}".rstrip()
-    return Step(rung.name, rung.label, model, rung.method, text, fit)
-
-
-def _possible(robot: Robot, rung: Rung) -> bool:
-    return rung.fit is None or rung.fit["level"] in robot.mechanism.levels
+    text = f"{robot.mechanism.levels[model.level].text} {method.text}".rstrip()
+    return Step(method.name, method.label, model, method.compensation, text, fit)
 
 
 def land(machine: Machine, step: Step, wanted: np.ndarray, tool: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -196,54 +155,6 @@ def land(machine: Machine, step: Step, wanted: np.ndarray, tool: np.ndarray) -> 
     errors[:, workspace.uncommanded(machine.robot)] *= 0.0
     errors[status != "ok"] = np.nan
     return errors, status
-
-
-def write(demo: Demo, folder: Path) -> dict[str, Path]:
-    """Write data, truth, models, recording and report into a folder, made where it is not there; paths by name.
-
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    from bench.jobs import demo_report
-    from pcalib import view
-
-    name, seed = demo.truth.robot.name, demo.settings.seed
-    with files.atomic_folder(folder) as fresh:
-        out = {"data": fresh / "data.csv"}
-        measurement.save(out["data"], demo.data)
-        out["truth"] = simulate.truth_path(out["data"])
-        files.write_text(out["truth"], truths.dumps(demo.truth, {"job": "demo", "seed": seed}))
-        for step in demo.ladder.steps:
-            if step.fit is not None:
-                out[step.name] = fresh / f"{step.name}.toml"
-                modelfile.save(out[step.name], step.model, summary.statistics(step.fit))
-        out["recording"], out["report"] = fresh / "demo.rrd", fresh / "report.html"
-        view.write(out["recording"], demo.ladder, identity=f"demo of {name}, seed {seed}")
-        demo_report.write(out["report"], demo)
-    return {key: folder / path.name for key, path in out.items()}
-
-
-def show(demo: Demo, files: Mapping[str, Path], seconds: float) -> None:
-    """Print the outcome: one sentence, the ladder, what was written."""
-    frame.say(ladders.sentence(demo.ladder))
-    print()
-    frame.show_table(*ladders.table(demo.ladder))
-    folder, n = files["report"].parent, len(demo.ladder.maps[0].targets)
-    frame.say(
-        f"{len(demo.data)} measured poses, {demo.settings.check} of them held out; {n} targets per tool, landed by "
-        f"MuJoCo; {seconds:.1f} s. Files in {folder}:"
-    )
-    frame.say(f"- {files['report'].name}: the report, for any browser")
-    frame.say(f"- {files['recording'].name}: the robot and its error field; open it with: {_pcalib()} view {folder}")
-    frame.say(f"- {files['data'].name}, {files['truth'].name}, {files['complete'].name} …: data, truth and models")
-
-
-def _pcalib() -> str:
-    """How `pcalib` can be called from here."""
-    if shutil.which("pcalib"):
-        return "pcalib"
-    beside = Path(sys.executable).with_name("pcalib")
-    return os.path.relpath(beside) if beside.exists() else f"{Path(sys.executable).name} -m pcalib"
 
 
 def content(demo: Demo) -> dict[str, Any]:

@@ -1,26 +1,71 @@
-"""The demo's report: what happened, why, and how to get it again."""
+"""The results of the demo: its files, its report, and what it prints."""
 
 from __future__ import annotations
 
+import os
 import shlex
+import shutil
+import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
+from bench import simulate
+from bench import truth as truths
+from bench.jobs.demo import Demo, Settings
+from pcalib import files, modelfile, report, summary, view
 from pcalib import ladder as ladders
-from pcalib import report
+from pcalib.cli import frame
+from pcalib.data import measurement
 from pcalib.report import sections
 from pcalib.report.page import Page, Section, Text, versions
 
-if TYPE_CHECKING:
-    from bench.jobs.demo import Demo, Settings
+
+def write(demo: Demo, folder: Path) -> dict[str, Path]:
+    """Write data, truth, models, recording and report into a folder, made where it is not there; paths by name.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    name, seed = demo.truth.robot.name, demo.settings.seed
+    with files.atomic_folder(folder) as fresh:
+        out = {"data": fresh / "data.csv"}
+        measurement.save(out["data"], demo.data)
+        out["truth"] = simulate.truth_path(out["data"])
+        files.write_text(out["truth"], truths.dumps(demo.truth, {"job": "demo", "seed": seed}))
+        for step in demo.ladder.steps:
+            if step.fit is not None:
+                out[step.name] = fresh / f"{step.name}.toml"
+                modelfile.save(out[step.name], step.model, summary.statistics(step.fit))
+        out["recording"], out["report"] = fresh / "demo.rrd", fresh / "report.html"
+        view.write(out["recording"], demo.ladder, identity=f"demo of {name}, seed {seed}")
+        report.write(out["report"], page(demo))
+    return {key: folder / path.name for key, path in out.items()}
 
 
-def write(path: Path, demo: Demo) -> None:
-    """Write the report of a demo."""
-    report.write(path, page(demo))
+def show(demo: Demo, made: Mapping[str, Path], seconds: float) -> None:
+    """Print the outcome: one sentence, the ladder, what was written."""
+    frame.say(ladders.sentence(demo.ladder))
+    print()
+    frame.show_table(*ladders.table(demo.ladder))
+    folder, n = made["report"].parent, len(demo.ladder.maps[0].targets)
+    frame.say(
+        f"{len(demo.data)} measured poses, {demo.settings.check} of them held out; {n} targets per tool, landed by "
+        f"MuJoCo; {seconds:.1f} s. Files in {folder}:"
+    )
+    frame.say(f"- {made['report'].name}: the report, for any browser")
+    frame.say(f"- {made['recording'].name}: the robot and its error field; open it with: {_pcalib()} view {folder}")
+    frame.say(f"- {made['data'].name}, {made['truth'].name}, {made['complete'].name} …: data, truth and models")
+
+
+def _pcalib() -> str:
+    """How `pcalib` can be called from here."""
+    if shutil.which("pcalib"):
+        return "pcalib"
+    beside = Path(sys.executable).with_name("pcalib")
+    return os.path.relpath(beside) if beside.exists() else f"{Path(sys.executable).name} -m pcalib"
 
 
 def again(settings: Settings) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from bench import simulate
-from bench.jobs import bench_speed
+from bench.jobs.speed import bench_speed
 
 
 def test_the_same_bytes_are_made_by_workers_that_share_the_rows(monkeypatch):

@@ -5,17 +5,17 @@ import json
 import numpy as np
 import pytest
 
-from bench.jobs import core_speed, peer_sysid
-from bench.jobs.core_speed import Figure
+from bench.jobs.speed import core_speed, peer_sysid
+from bench.jobs.speed.timing import Cost
 from pcalib.fitting import identification
 
 
 def test_figures_keep_their_bounds_either_way():
-    assert Figure("a", 9.0, "ms", 10.0).holds and not Figure("a", 11.0, "ms", 10.0).holds
-    assert Figure("a", 31.0, "times", 30.0, at_least=True).holds
-    assert not Figure("a", 29.0, "times", 30.0, at_least=True).holds
-    assert Figure("a", 1e9, "s").holds
-    assert Figure("a", 1, "ms", 10.0).promise == "≤ 10 ms"
+    assert Cost("a", 9.0, "ms", 10.0).holds and not Cost("a", 11.0, "ms", 10.0).holds
+    assert Cost("a", 31.0, "times", 30.0, at_least=True).holds
+    assert not Cost("a", 29.0, "times", 30.0, at_least=True).holds
+    assert Cost("a", 1e9, "s").holds
+    assert Cost("a", 1, "ms", 10.0).promise == "≤ 10 ms"
 
 
 def test_the_command_prints_and_writes(tmp_path, capsys, monkeypatch):

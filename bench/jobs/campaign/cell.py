@@ -1,9 +1,10 @@
-"""One cell of a campaign, every number of it fixed: geometry, plan, instrument, faults, methods, verification."""
+"""One cell of a campaign, every number of it fixed: geometry, poses, instrument, faults, methods, verification."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,30 +13,33 @@ import tomli_w
 from bench import faults
 from bench import plan as plans
 from bench.instrument import Instrument
+from bench.jobs import methods as ladder
 from bench.jobs.campaign import geometry
 from bench.jobs.campaign.geometry import Geometry
 from bench.jobs.campaign.random_faults import RandomFault
-from pcalib import compensation, settings, units
+from bench.jobs.methods import Method
+from pcalib import compensation, effects, settings, units
 from pcalib import robot as robots
-from pcalib.errors import Code, EffectError, InputError, unknown
+from pcalib.errors import EffectError, InputError, unknown
 from pcalib.fitting import identification
 from pcalib.robot import Robot
 from pcalib.settings import Setting
 
-PLANS = (*plans.NAMES, "d-optimal")
-PLAN = (
-    Setting("kind", "word", "random", words=PLANS, about="where poses come from"),
+KINDS = (*plans.NAMES, "joint", "d-optimal")
+"""Where poses come from: the bench's plans; 'joint': uniform in joint space; 'd-optimal': those that tell most."""
+POSES = (
+    Setting("kind", "word", "random", words=KINDS, about="where poses come from"),
     Setting("poses", "whole", 40, 1, 100_000, about="how many are measured"),
     Setting("candidates", "whole", 600, 10, 100_000, about="poses that 'd-optimal' chooses from"),
+    Setting("inside", "number", 1.0, 0.1, 1.0, about="size of the part of the workspace that random poses keep to"),
 )
 VERIFY = (
     Setting("targets", "whole", 200, 1, 100_000, about="TCP positions per tool"),
-    Setting("places", "word", "random", words=("random", "border", "grid"), about="where in the workspace"),
+    Setting("places", "word", "random", words=("random", "border", "grid", "rings"), about="where in the workspace"),
     Setting("spacing", "length", 0.0, 0.0, 10.0, about="of a grid, which has as many targets as fit"),
     Setting("payload", "mass", 0.0, 0.0, 1e3, about="carried while verifying"),
     Setting("temp", "temperature", 20.0, -100.0, 200.0, about="of the robot while verifying"),
 )
-READS = ("pose", "position")
 METHOD = (
     Setting("name", "word", about="how tables call it"),
     Setting("level", "word", "", about="geometry level"),
@@ -43,17 +47,9 @@ METHOD = (
     Setting("compensation", "word", "exact", words=compensation.METHODS, about="how commands are found"),
     Setting("loss", "word", "linear", words=identification.LOSSES, about="robust or not"),
     Setting("weighted", "flag", True, about="whether residuals are divided by σ"),
-    Setting("reads", "word", "pose", words=READS, about="what it uses of the data"),
+    Setting("reads", "word", "pose", words=ladder.READS, about="what it uses of the data"),
 )
-PRESETS: dict[str, dict[str, Any]] = {
-    "nominal": {"level": "nominal"},
-    "classical": {"level": "classical", "fit": "base"},
-    "model24": {"level": "model24", "fit": "base"},
-    "paper": {"level": "complete", "fit": "linear", "compensation": "first-order"},
-    "complete": {"level": "complete", "fit": "map"},
-}
-"""Methods that a spec may name without saying more; 'paper' is Savoure et al.'s linear step."""
-DEFAULT_METHODS = ("classical", "model24", "paper", "complete")
+DEFAULT_METHODS = tuple(method.name for method in ladder.LADDER if method.identifies)
 _PAYLOAD = Setting("payload", "mass", 0.0, 0.0, 1e3, about="carried while measuring")
 OUTPUT = (
     Setting("part_robots", "whole", 10, 1, 10_000, about="robots per part: what a kill can cost at most"),
@@ -64,15 +60,19 @@ REGRESS = (
     Setting("floor", "length", 1e-8, 0.0, 1.0, about="absolute change below which nothing counts"),
     Setting("speed", "number", 1.6, 1.0, 100.0, about="factor of the time per robot, in units of a reference task"),
 )
+SECTIONS = ("robot", "geometry", "instrument", "plan", "faults", "method", "verify")
+"""Keys of a spec that make a cell, and may be swept."""
 
 
 @dataclass(frozen=True)
-class Plan:
-    """Which poses are measured."""
+class Poses:
+    """Which poses are measured: the section [plan]."""
 
     kind: str
     poses: int
     candidates: int
+    inside: float
+    """Radius and height of the cylinder that random poses keep to, in those of the workspace."""
     tools: np.ndarray
     """(T, 3) [m] measured points in the plate frame, dealt out evenly."""
     payloads: tuple[float, ...]
@@ -82,28 +82,14 @@ class Plan:
 
     @property
     def source(self) -> str:
-        """Where its poses come from, as the spec says it."""
+        """Where the poses come from, as the spec says it."""
         return "file" if self.listed is not None else f'kind = "{self.kind}"'
 
     def columns(self, robot: Robot) -> set[str]:
-        """What it brings, with a number in every row, beside commands, tools and payloads."""
+        """The columns that have a number in every row, beside commands, tools and payloads."""
         if self.listed is None:
             return set(plans.columns(self.kind, len(robot.mechanism.actuators)))
         return {name for name, values in self.listed["columns"].items() if np.isfinite(np.array(values, float)).all()}
-
-
-@dataclass(frozen=True)
-class Method:
-    """One way to calibrate and to command."""
-
-    name: str
-    level: str
-    fit: str
-    compensation: str
-    loss: str
-    weighted: bool
-    reads: str
-    effects: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,7 +97,7 @@ class Verify:
     """Where and how the calibrated robot is checked."""
 
     targets: int
-    """Of random places; a grid has its own number."""
+    """Of random places; a grid and rings have their own number."""
     places: str
     spacing: float
     """[m] of a grid; 0: a fifth of the workspace's radius."""
@@ -147,20 +133,11 @@ class Cell:
 
     robot: Robot
     geometry: Geometry
-    plan: Plan
+    poses: Poses
     instrument: Instrument
     faults: tuple[RandomFault, ...]
     methods: tuple[Method, ...]
     verify: Verify
-
-    @property
-    def rigid(self) -> bool:
-        """Whether the true robot has geometric errors only."""
-        return not self.faults
-
-
-SECTIONS = ("robot", "geometry", "instrument", "plan", "faults", "method", "verify")
-"""Keys of a spec that make a cell, and may be swept."""
 
 
 def read(table: Mapping[str, Any]) -> Cell:
@@ -169,26 +146,42 @@ def read(table: Mapping[str, Any]) -> Cell:
     Raises:
         InputError: a key or value that cannot be used.
     """
-    for key in ("geometry", "instrument", "plan", "faults", "verify"):
-        if not isinstance(table.get(key, {}), Mapping):
-            raise InputError(f"'{key}' must be a section", column=key, remedy=f"write [{key}]")
+    tables = {key: section(table, key) for key in ("geometry", "instrument", "plan", "faults", "verify")}
     if "robot" not in table:
         raise InputError("'robot' is missing", remedy='write robot = "delta", or the path of a robot file')
-    robot = robots.parse(tomli_w.dumps(table["robot"]), "robot")
+    robot = _robot(tomli_w.dumps(table["robot"]))
+    rest, tools = _tools(tables["verify"], "verify", default=[0.0, 0.1, 0.3])
     out = Cell(
         robot=robot,
-        geometry=geometry.read(table.get("geometry", {}), robot),
-        plan=plan(table.get("plan", {})),
-        instrument=instrument(table.get("instrument", {})),
-        faults=random_faults(table.get("faults", {}), robot),
-        methods=methods(table.get("method", []), robot),
-        verify=verify(table.get("verify", {})),
+        geometry=geometry.read(tables["geometry"], robot),
+        poses=_poses(tables["plan"]),
+        # A laser tracker with a 6-D target at arm's length where the section is absent.
+        instrument=Instrument.from_table(tables["instrument"] or {"sigma_pos_mm": 0.02, "sigma_rot_deg": 0.005}),
+        faults=_faults(tables["faults"], robot),
+        methods=_methods(table.get("method", []), robot),
+        verify=Verify(**settings.read(rest, VERIFY, "verify", {}), tools=tools),
     )
     _require_columns(out)
     return out
 
 
-def plan(table: Mapping[str, Any]) -> Plan:
+_robot = lru_cache(maxsize=8)(lambda text: robots.parse(text, "robot"))
+
+
+def section(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """A section of a spec, empty where it is absent.
+
+    Raises:
+        InputError: the key is no section.
+    """
+    found = table.get(key, {})
+    if not isinstance(found, Mapping):
+        name = key if key != "faults" else "faults.NAME"
+        raise InputError(f"'{key}' must be a section", column=key, remedy=f"write [{name}]")
+    return found
+
+
+def _poses(table: Mapping[str, Any]) -> Poses:
     """[plan]."""
     if "listed" in table:
         alone = [key for key in table if key not in ("listed", "file")]
@@ -196,78 +189,49 @@ def plan(table: Mapping[str, Any]) -> Plan:
             raise InputError(
                 f"[plan] file brings its own poses, tools and payloads: leave out {', '.join(alone)}", column="file"
             )
-        return Plan("file", len(table["listed"]["q"]), 0, np.zeros((1, 3)), (), table["listed"])
-    table, tools = _tools(table, "plan", default=[0.0])
-    table, payloads = _payloads(table)
-    return Plan(**settings.read(table, PLAN, "plan", {}), tools=tools, payloads=payloads)
+        return Poses("file", len(table["listed"]["q"]), 0, 1.0, np.zeros((1, 3)), (), table["listed"])
+    rest, tools = _tools(table, "plan", default=[0.0])
+    payloads: list[float] = []
+    for key in [key for key in rest if key.startswith("payloads")]:
+        given = rest.pop(key)
+        if not isinstance(given, list) or not given or payloads:
+            raise InputError(f"[plan] '{key}' must be one list of masses, not {given!r}", column=key)
+        single = key.replace("payloads", "payload", 1)
+        payloads = [settings.read({single: value}, (_PAYLOAD,), "plan", {})["payload"] for value in given]
+    return Poses(**settings.read(rest, POSES, "plan", {}), tools=tools, payloads=tuple(payloads))
 
 
-def verify(table: Mapping[str, Any]) -> Verify:
-    """[verify]."""
-    table, tools = _tools(table, "verify", default=[0.0, 0.1, 0.3])
-    return Verify(**settings.read(table, VERIFY, "verify", {}), tools=tools)
-
-
-def methods(tables: Sequence[Mapping[str, Any]], robot: Robot) -> tuple[Method, ...]:
+def _methods(tables: Any, robot: Robot) -> tuple[Method, ...]:
     """[[method]] …, the four usual ones where there are none."""
+    if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
+        raise InputError("'method' must be written as [[method]]", column="method")
     out: list[Method] = []
+    levels = robot.mechanism.levels
     for number, table in enumerate(tables or [{"name": name} for name in DEFAULT_METHODS], 1):
         where = f"method[{number}]"
         name = table.get("name")
-        preset = PRESETS.get(name, {}) if isinstance(name, str) else {}
-        given = {**preset, **{key: value for key, value in table.items() if key != "effects"}}
-        try:
-            values = settings.read(given, METHOD, where, {})
-        except InputError as error:
-            if error.code is Code.UNKNOWN_KEY:  # 'effects' is a list, which settings do not know
-                raise error.but(problem=f"{error.problem}, effects") from None
-            raise
-        levels = robot.mechanism.levels
+        usual = ladder.BY_NAME.get(name) if isinstance(name, str) else None
+        known = {s.name: getattr(usual, s.name) for s in METHOD} if usual else {}
+        plain = {key: value for key, value in table.items() if key != "effects"}  # a list, which settings do not know
+        for key in plain:
+            if key not in [s.name for s in METHOD]:
+                names = [*(s.name for s in METHOD), "effects"]
+                raise InputError(f"[{where}] {unknown('key', key, names)}", column=key)
+        values = settings.read({**known, **plain}, METHOD, where, {})
         if not values["level"]:
             raise InputError(
                 f"[{where}] 'level' is missing, and '{name}' is not one of the methods that need none: "
-                f"{', '.join(PRESETS)}", column="name", remedy=f"write level = one of {', '.join(levels)}",
+                f"{', '.join(ladder.BY_NAME)}", column="name", remedy=f"write level = one of {', '.join(levels)}",
             )  # fmt: skip
         if values["level"] not in levels:
             raise InputError(f"[{where}] level: {unknown('level', values['level'], levels)}", column="level")
         if values["name"] in [m.name for m in out]:
             raise InputError(f"[{where}] name: '{values['name']}' is taken by an earlier method", column="name")
-        out.append(Method(**values, effects=_effects(table.get("effects", []), where, robot)))
+        out.append(replace(Method(**values), effects=_effects(table.get("effects", []), where, robot)))
     return tuple(out)
-
-
-def instrument(table: Mapping[str, Any]) -> Instrument:
-    """[instrument], as in truth files; a laser tracker with a 6-D target at arm's length where it is absent."""
-    return Instrument.from_table(table if table else {"sigma_pos_mm": 0.02, "sigma_rot_deg": 0.005})
-
-
-def random_faults(tables: Any, robot: Robot) -> tuple[RandomFault, ...]:
-    """[faults.NAME] …"""
-    if not isinstance(tables, Mapping):
-        raise InputError("'faults' must be a section", column="faults", remedy="write [faults.NAME]")
-    out = []
-    for name, table in tables.items():
-        if name not in faults.names():
-            raise InputError(f"[faults] {unknown('fault', name, faults.names())}", column=name)
-        if not isinstance(table, Mapping):
-            raise InputError(f"[faults] '{name}' must be a section", column=name, remedy=f"write [faults.{name}]")
-        out.append(RandomFault.of(robot, name, table))
-    return tuple(out)
-
-
-def output(table: Mapping[str, Any]) -> Output:
-    """[output]."""
-    return Output(**settings.read(table, OUTPUT, "output", {}))
-
-
-def regress(table: Mapping[str, Any]) -> Regress:
-    """[regress]."""
-    return Regress(**settings.read(table, REGRESS, "regress", {}))
 
 
 def _effects(given: Any, where: str, robot: Robot) -> tuple[str, ...]:
-    from pcalib import effects
-
     if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
         raise InputError(f"[{where}] 'effects' must be a list of names, not {given!r}", column="effects")
     for spec in given:
@@ -278,45 +242,38 @@ def _effects(given: Any, where: str, robot: Robot) -> tuple[str, ...]:
     return tuple(given)
 
 
+def _faults(tables: Mapping[str, Any], robot: Robot) -> tuple[RandomFault, ...]:
+    """[faults.NAME] …"""
+    out = []
+    for name, table in tables.items():
+        if name not in faults.names():
+            raise InputError(f"[faults] {unknown('fault', name, faults.names())}", column=name)
+        if not isinstance(table, Mapping):
+            raise InputError(f"[faults] '{name}' must be a section", column=name, remedy=f"write [faults.{name}]")
+        out.append(RandomFault.of(robot, name, table))
+    return tuple(out)
+
+
 def _require_columns(read: Cell) -> None:
     """Refuse faults and effects that need columns which the plan does not bring: every robot would fail."""
-    from pcalib import effects
-
-    robot, plan = read.robot, read.plan
+    robot, poses = read.robot, read.poses
     asked = [(f"[faults.{fault.name}]", f"faults.{fault.name}", fault.needs) for fault in read.faults]
     for number, method in enumerate(read.methods, 1):
         for spec in method.effects:
             asked.append((f"[method[{number}]] effects: {spec}", "effects", effects.parse(spec, robot).needs))
-    brought = plan.columns(robot)
+    brought = poses.columns(robot)
     for where, column, needs in asked:
         lacking = [name for name in needs if name not in brought]
-        if not lacking:
-            continue
-        fitting = [kind for kind in PLANS if {*lacking} <= {*plans.columns(kind, len(robot.mechanism.actuators))}]
-        told = ", ".join(lacking)
-        kinds = "".join(f'kind = "{kind}", or ' for kind in fitting)
-        raise InputError(
-            f"{where} needs columns that [plan] {plan.source} does not bring: {told}", column=column,
-            remedy=f"write {kinds}file = a CSV with numbers there in every row",
-        )  # fmt: skip
+        if lacking:
+            suited = [kind for kind in KINDS if {*lacking} <= {*plans.columns(kind, len(robot.mechanism.actuators))}]
+            kinds = "".join(f'kind = "{kind}", or ' for kind in suited)
+            raise InputError(
+                f"{where} needs columns that [plan] {poses.source} does not bring: {', '.join(lacking)}", column=column,
+                remedy=f"write {kinds}file = a CSV with numbers there in every row",
+            )  # fmt: skip
 
 
-def _payloads(table: Mapping[str, Any]) -> tuple[dict[str, Any], tuple[float, ...]]:
-    """The rest of [plan], and its payloads [kg]."""
-    rest, out = dict(table), []
-    for key in [key for key in table if key.startswith("payloads")]:
-        given = rest.pop(key)
-        if not isinstance(given, list) or not given or out:
-            raise InputError(f"[plan] '{key}' must be one list of masses, not {given!r}", column=key)
-        for value in given:
-            one = settings.read({key.replace("payloads", "payload", 1): value}, (_PAYLOAD,), "plan", {})
-            out.append(one["payload"])
-    return rest, tuple(out)
-
-
-def _tools(
-    table: Mapping[str, Any], where: str, default: Sequence[float]
-) -> tuple[dict[str, Any], np.ndarray]:
+def _tools(table: Mapping[str, Any], where: str, default: Sequence[float]) -> tuple[dict[str, Any], np.ndarray]:
     """The rest of a table, and its tools (T, 3) [m]: lengths below the plate, or vectors in the plate frame."""
     keys = [key for key in table if key == "tools" or units.split(key)[0] == "tools" or key.startswith("tools_")]
     try:
@@ -334,14 +291,12 @@ def _tools(
     given = table[key]
     if not isinstance(given, list) or not given:
         raise wrong
-    out = []
-    for item in given:
-        vector = item if isinstance(item, list) else [0.0, 0.0, item]
-        if len(vector) != 3 or any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in vector):
-            raise wrong
-        out.append([v * factor for v in vector] if isinstance(item, list) else [0.0, 0.0, -vector[2] * factor])
-    tools = np.array(out, float) + 0.0  # no −0
-    if not np.isfinite(tools).all() or np.abs(tools).max() > 10.0:
+    vectors = [item if isinstance(item, list) else [0.0, 0.0, item] for item in given]
+    if any(len(v) != 3 or not all(map(settings.is_number, v)) for v in vectors):
+        raise wrong
+    sign = [1.0 if isinstance(item, list) else -1.0 for item in given]
+    tools = factor * np.array(sign)[:, None] * np.array(vectors, float) + 0.0  # no −0
+    if np.abs(tools).max() > 10.0:
         raise wrong
     if len(np.unique(tools, axis=0)) != len(tools):
         raise InputError(f"[{where}] '{key}' names a tool twice", column=key)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.jobs import charts
 from bench.jobs.campaign.summary import Group, Summary, select, tool_text
 from bench.jobs.campaign.sweep import short
 from pcalib import units
@@ -17,20 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOOKS: dict[str, dict[str, Any]] = {
-    "nominal": {"color": "#D55E00", "linestyle": "-"},
-    "classical": {"color": "#0072B2", "linestyle": "--"},
-    "model24": {"color": "#56B4E9", "linestyle": "--"},
-    "paper": {"color": "#009E73", "linestyle": "-."},
-    "complete": {"color": "#000000", "linestyle": "-"},
-}
-"""The usual methods look the same in all campaigns; the colour-blind can tell the colours apart."""
-OTHERS = ("#CC79A7", "#E69F00", "#999999", "#882255", "#44AA99", "#117733")
-STYLE: Any = {
-    "font.size": 9, "axes.titlesize": 10, "axes.titlelocation": "left", "axes.grid": True, "grid.color": "#dddddd",
-    "grid.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False, "lines.linewidth": 1.6,
-    "lines.markersize": 4.5, "legend.frameon": False, "svg.hashsalt": "pcbench", "text.parse_math": False,
-}  # fmt: skip
 BAND = (5.0, 95.0)
 """Percentiles over robots that bands reach from and to."""
 MOST_CELLS = 6
@@ -42,24 +29,9 @@ def write(summary: Summary, folder: Path) -> list[Path]:
     """Draw everything into a folder, SVG and PNG; returns the SVG files.
 
     Raises:
-        OSError: the folder cannot be written.
+        InputError: the folder cannot be written, or the disk is full.
     """
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    folder.mkdir(parents=True, exist_ok=True)
-    out = []
-    with matplotlib.rc_context(STYLE):
-        for name, draw in _plots(summary):
-            figure = Figure(layout="constrained")
-            draw(figure)
-            figure.draw_without_rendering()
-            figure.set_layout_engine("none")  # laid out once for both files
-            for suffix in (".svg", ".png"):
-                path = folder / f"{name}{suffix}"
-                figure.savefig(path, dpi=150, metadata={"Date": None} if suffix == ".svg" else None)
-            out.append(folder / f"{name}.svg")
-    return out
+    return charts.save(_plots(summary), folder)
 
 
 def _plots(summary: Summary) -> Iterator[tuple[str, Callable[[Figure], None]]]:
@@ -72,8 +44,8 @@ def _plots(summary: Summary) -> Iterator[tuple[str, Callable[[Figure], None]]]:
     if len({g.tool_length for g in summary.groups}) > 1:
         yield "tool_length", lambda figure: tool_length(figure, summary, cells)
     drawn: list[str] = []
-    for path in summary.paths:
-        values = {short(cell[path]) for cell in summary.about["cells"]}
+    for path in summary.spec.paths:
+        values = {short(cell[path]) for cell in summary.points.values()}
         if len(values) > 1 and not any(_together(summary, path, other) for other in drawn):
             drawn.append(path)
             name = re.sub(r"[^A-Za-z0-9]+", "_", path)
@@ -87,20 +59,20 @@ def distributions(figure: Figure, summary: Summary, cells: Sequence[int]) -> Non
     for row, cell in enumerate(cells):
         for column, tool in enumerate(tools):
             ax, here = axes[row, column], select(summary.groups, cell=cell, tool=tool)
-            for look, method in _methods(summary):
+            for method, look in _methods(summary):
                 for g in select(here, method=method):
                     if len(g.rms):
                         share = np.linspace(0, 100, min(len(g.rms), MOST_POINTS) + 1)
-                        ax.plot(np.percentile(g.rms, share) * 1e6, share, **look, label=method)
-            _logarithmic(ax.xaxis)
+                        ax.plot(np.percentile(g.rms, share) * 1e6, share, **look | {"marker": None}, label=method)
+            charts.logarithmic(ax.xaxis)
             ax.set_ylim(0, 100)
             if row == 0 and here:
                 ax.set_title(f"tool {tool_text(here[0])} mm")
             if column == 0:
-                ax.set_ylabel("\n".join([*_told(summary.about["cells"][cell], summary.paths), "robots below, %"]))
+                ax.set_ylabel("\n".join([*_told(summary.points[cell], summary.spec.paths), "robots below, %"]))
             if row == len(cells) - 1:
                 ax.set_xlabel("RMS error of a robot, µm")
-    _finish(figure, axes, f"{summary.about['name']}: how many robots are how accurate")
+    _finish(figure, axes, f"{summary.spec.name}: how many robots are how accurate")
 
 
 def tool_length(figure: Figure, summary: Summary, cells: Sequence[int]) -> None:
@@ -111,19 +83,19 @@ def tool_length(figure: Figure, summary: Summary, cells: Sequence[int]) -> None:
         ax.set_visible(False)
     for ax, cell in zip(axes.flat, cells, strict=False):
         here = select(summary.groups, cell=cell)
-        for look, method in _methods(summary):
+        for method, look in _methods(summary):
             _band(ax, [(g.tool_length * 1e3, g) for g in select(here, method=method)], look, method)
-        _logarithmic(ax.yaxis)
+        charts.logarithmic(ax.yaxis)
         ax.set_xlabel("tool length, mm")
-        ax.set_title("\n".join(_told(summary.about["cells"][cell], summary.paths)), fontsize=8)
+        ax.set_title("\n".join(_told(summary.points[cell], summary.spec.paths)), fontsize=8)
     axes[0, 0].set_ylabel("RMS error of a robot, µm")
-    _finish(figure, axes, f"{summary.about['name']}: accuracy and tool length")
+    _finish(figure, axes, f"{summary.spec.name}: accuracy and tool length")
 
 
 def against(figure: Figure, summary: Summary, path: str) -> None:
     """RMS error against one swept value, one column per tool, one row per combination of the other values."""
-    points = summary.about["cells"]
-    others = [p for p in summary.paths if p != path and not _together(summary, p, path)]
+    points = list(summary.points.values())
+    others = [p for p in summary.spec.paths if p != path and not _together(summary, p, path)]
     rows = list(dict.fromkeys(tuple(short(point[p]) for p in others) for point in points))[:6]
     tools = _tools(summary)
     axes = _panels(figure, len(rows), len(tools), 2.1)
@@ -135,11 +107,11 @@ def against(figure: Figure, summary: Summary, path: str) -> None:
             ax = axes[row, column]
             here = select(summary.groups, tool=tool)
             here = [g for g in here if tuple(short(g.point[p]) for p in others) == combination]
-            for look, method in _methods(summary):
+            for method, look in _methods(summary):
                 at = select(here, method=method)
                 x = [g.point[path] if numeric else names.index(short(g.point[path])) for g in at]
                 _band(ax, list(zip(x, at, strict=True)), look, method)
-            _logarithmic(ax.yaxis)
+            charts.logarithmic(ax.yaxis)
             if numeric and min(values) > 0 and max(values) > 5 * min(values):
                 ax.set_xscale("log")
                 ax.set_xticks(sorted(set(values)), [short(v) for v in sorted(set(values))])
@@ -153,7 +125,7 @@ def against(figure: Figure, summary: Summary, path: str) -> None:
                 ax.set_ylabel("\n".join([*told, "RMS error, µm"]))
             if row == len(rows) - 1:
                 ax.set_xlabel(path)
-    _finish(figure, axes, f"{summary.about['name']}: accuracy and {path}")
+    _finish(figure, axes, f"{summary.spec.name}: accuracy and {path}")
 
 
 def _panels(figure: Figure, rows: int, columns: int, height: float) -> Any:
@@ -168,15 +140,6 @@ def _finish(figure: Figure, axes: Any, title: str) -> None:
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
 
 
-def _logarithmic(axis: Any) -> None:
-    """A logarithmic axis in plain numbers."""
-    from matplotlib.ticker import NullLocator
-
-    (axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale)("log")
-    axis.set_major_formatter(lambda value, _: f"{value:g}" if value < 1 else f"{value:,.0f}".replace(",", " "))
-    axis.set_minor_locator(NullLocator())
-
-
 def _band(ax: Axes, points: Sequence[tuple[float, Group]], look: dict[str, Any], method: str) -> None:
     usable = sorted(((x, g) for x, g in points if len(g.rms)), key=lambda point: point[0])
     if not usable:
@@ -184,17 +147,11 @@ def _band(ax: Axes, points: Sequence[tuple[float, Group]], look: dict[str, Any],
     x = [at for at, _ in usable]
     middle, low, high = (np.array([g.percentile(s) for _, g in usable]) * 1e6 for s in (50.0, *BAND))
     ax.fill_between(x, low, high, color=look["color"], alpha=0.13, lw=0)
-    ax.plot(x, middle, **look, marker="o", label=method)
+    ax.plot(x, middle, **look, label=method)
 
 
-def _methods(summary: Summary) -> Iterator[tuple[dict[str, Any], str]]:
-    others = 0
-    for method in dict.fromkeys(g.method for g in summary.groups):
-        if method in LOOKS:
-            yield LOOKS[method], method
-        else:
-            yield {"color": OTHERS[others % len(OTHERS)], "linestyle": ":" if others % 2 else "-"}, method
-            others += 1
+def _methods(summary: Summary) -> Iterator[tuple[str, dict[str, Any]]]:
+    return charts.looks(g.method for g in summary.groups)
 
 
 def _tools(summary: Summary) -> list[str]:
@@ -214,5 +171,5 @@ def _told(point: Mapping[str, Any], paths: Sequence[str]) -> list[str]:
 
 def _together(summary: Summary, a: str, b: str) -> bool:
     """Whether two paths vary together: one value of the one for each of the other."""
-    pairs = {(short(point[a]), short(point[b])) for point in summary.about["cells"]}
+    pairs = {(short(point[a]), short(point[b])) for point in summary.points.values()}
     return len(pairs) == len({pair[0] for pair in pairs}) == len({pair[1] for pair in pairs})

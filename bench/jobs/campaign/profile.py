@@ -86,19 +86,20 @@ def command(spec: Path = SPEC, /, *, robots: int = 100, quick: bool = False) -> 
         robots: How many to run.
         quick: 10 robots, to see that everything runs.
     """
+    from bench.jobs import study
     from bench.jobs.campaign import spec as specs
-    from bench.jobs.campaign import workers
+    from bench.jobs.campaign.study import Campaign
 
     if robots < 1:
         raise InputError(f"--robots {robots} take no time", remedy="ask for one at least")
     robots = QUICK if quick else robots
-    campaign = specs.load(spec)
+    campaign = Campaign(specs.load(spec))
     robots = min(robots, campaign.n_trials)
-    workers.rows(campaign, range(min(5, robots)))  # compiles the model, makes the plan
+    study.rows(campaign, range(min(5, robots)))  # compiles the model, makes the plan
     first = memory()
     begun, busy = time.perf_counter(), time.process_time()
     with clocks() as seconds:
-        workers.rows(campaign, range(robots))
+        study.rows(campaign, range(robots))
     wall, total = time.perf_counter() - begun, time.process_time() - busy
     rows = []
     for group, names in seconds.items():

@@ -6,7 +6,6 @@ shows at each target the error that this share of the robots stays below there.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +14,8 @@ import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from bench.jobs.campaign import spec, trial
+from bench.jobs.campaign import trial
+from bench.jobs.campaign.spec import Spec
 from bench.jobs.campaign.summary import Group, Summary, select, tool_text
 from bench.jobs.campaign.sweep import short
 from pcalib.errors import PcalibError
@@ -68,19 +68,20 @@ def write(summary: Summary, results: Path, folder: Path) -> list[Path]:
     Raises:
         InputError: rerun is not installed, or a file cannot be written.
     """
-    campaign = spec.parse(json.dumps(summary.about["spec"]))
+    campaign = summary.spec
     out = []
-    for cell in range(min(len(campaign.points), MOST_CELLS)):
-        maps = gather(summary, campaign, results, cell)
+    for cell in range(min(campaign.n_cells, MOST_CELLS)):
+        maps = gather(summary, results, cell)
         if maps is not None:
-            path = folder / (f"errors-cell{cell}.rrd" if len(campaign.points) > 1 else "errors.rrd")
+            path = folder / (f"errors-cell{cell}.rrd" if campaign.n_cells > 1 else "errors.rrd")
             _write(path, maps, summary)
             out.append(path)
     return out
 
 
-def gather(summary: Summary, campaign: spec.Campaign, results: Path, cell: int) -> Maps | None:
+def gather(summary: Summary, results: Path, cell: int) -> Maps | None:
     """What a cell's recording shows; None where the results keep no errors of its robots."""
+    campaign = summary.spec
     stand = trial.stand(campaign, cell)
     methods = [m.name for m in stand.cell.methods]
     tools = stand.cell.verify.tools
@@ -109,7 +110,7 @@ def gather(summary: Summary, campaign: spec.Campaign, results: Path, cell: int) 
     return Maps(cell, stand.cell.robot, methods, tools, goals, percentile, groups, worst, n)
 
 
-def _field(campaign: spec.Campaign, cell: int, robot: int, tool: int) -> ErrorMap | None:
+def _field(campaign: Spec, cell: int, robot: int, tool: int) -> ErrorMap | None:
     """The error field of one robot, measured and calibrated once more: a trial gives the same every time."""
     stand = trial.stand(campaign, cell)
     P = len(stand.targets)
@@ -133,7 +134,7 @@ def _write(path: Path, maps: Maps, summary: Summary) -> None:
     w = maps.robot.workspace
     up = upwards(maps.robot.mechanism)
     title = body.base.mean(axis=0) * (1 - up) + up * ((body.points @ up).max() + 0.15 * body.size)
-    with recording(path, _blueprint(maps, body, style), f"{summary.about['name']}-{maps.cell}") as rec:
+    with recording(path, _blueprint(maps, body, style), f"{summary.spec.name}-{maps.cell}") as rec:
         scene.draw_robot(rec, "scene/robot", body)
         for t, tool in enumerate(maps.tools):
             for s, share in enumerate(PERCENTILES):
@@ -213,7 +214,7 @@ def _draw_distribution(rec: rr.RecordingStream, path: str, maps: Maps) -> None:
 def _page(maps: Maps, summary: Summary, m: int, method: str) -> str:
     """Figures of one method, as markdown."""
     swept = ", ".join(f"{path} = {short(v)}" for path, v in maps.groups[m][0].point.items())
-    lines = [f"### {m} · {method}", "", f"{summary.about['name']}{': ' + swept if swept else ''}. "
+    lines = [f"### {m} · {method}", "", f"{summary.spec.name}{': ' + swept if swept else ''}. "
              f"Maps show the errors of {maps.n} robots.", ""]  # fmt: skip
     header = ["RMS error of a robot", *(f"tool {tool_text(g)} mm" for g in maps.groups[m])]
     lines += [f"| {' | '.join(header)} |", "|---" * len(header) + "|"]

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import json
 import math
-import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.jobs.campaign import run, store, summary, trial
-from bench.jobs.campaign.spec import Campaign
+from bench.jobs import running, store, study
+from bench.jobs.campaign import summary, trial
+from bench.jobs.campaign.spec import Spec
+from bench.jobs.campaign.study import Campaign
 from bench.jobs.campaign.summary import Group
 from bench.jobs.campaign.sweep import short
 from pcalib import files
@@ -72,15 +73,13 @@ class Change:
 
 
 def measure(
-    campaign: Campaign, workers: int = 1, speed: bool = True, progress: Callable[[int], None] = lambda done: None
+    spec: Spec, workers: int = 1, speed: bool = True, progress: Callable[[int], None] = lambda done: None
 ) -> list[Figure]:
-    """The figures of a campaign, run in a folder that is thrown away."""
-    with tempfile.TemporaryDirectory(prefix="pcbench-") as folder:
-        outcome = run.run(campaign, Path(folder) / "campaign", workers, progress=progress, inside=workers == 1)
-        found = summary.read(outcome.results)
+    """The figures of a campaign, whose results are kept nowhere."""
+    found = summary.of([running.table(Campaign(spec), workers, progress)], Campaign(spec).schema())
     out: list[Figure] = []
     for group in found.groups:
-        name = _name(group, found.paths)
+        name = _name(group, found.spec.paths)
         out += [
             Figure(f"{name}: RMS", "error", group.pooled),
             Figure(f"{name}: RMS, 95 % of the robots below", "error", group.percentile(95)),
@@ -88,13 +87,13 @@ def measure(
             Figure(f"{name}: failed robots", "failed", float(group.failed)),
             Figure(f"{name}: targets reached", "reached", group.reached),
         ]
-    out += timings(campaign) if speed else []
+    out += timings(spec) if speed else []
     names = [figure.name for figure in out]
     assert len(set(names)) == len(names), "figures of one name would hide each other"
     return out
 
 
-def timings(campaign: Campaign) -> list[Figure]:
+def timings(campaign: Spec) -> list[Figure]:
     """What the steps of the first robot cost, in units of a reference task."""
     from threadpoolctl import threadpool_limits
 
@@ -121,7 +120,7 @@ def reference() -> None:
         np.linalg.svd(J)
 
 
-def compare(before: Mapping[str, Figure], now: Mapping[str, Figure], campaign: Campaign) -> list[Change]:
+def compare(before: Mapping[str, Figure], now: Mapping[str, Figure], campaign: Spec) -> list[Change]:
     """Every figure of either side, with a verdict by the tolerances of the spec's [regress]."""
     out = []
     for name in [*before, *(name for name in now if name not in before)]:
@@ -135,7 +134,7 @@ def compare(before: Mapping[str, Figure], now: Mapping[str, Figure], campaign: C
     return out
 
 
-def _verdict(kind: str, before: float, now: float, campaign: Campaign) -> str:
+def _verdict(kind: str, before: float, now: float, campaign: Spec) -> str:
     tolerance = campaign.regress
     if math.isnan(before) or math.isnan(now):
         return "same" if math.isnan(before) and math.isnan(now) else "worse" if math.isnan(now) else "better"
@@ -147,7 +146,7 @@ def _verdict(kind: str, before: float, now: float, campaign: Campaign) -> str:
     return "worse" if growth > slack else "better" if growth < -slack else "same"
 
 
-def _name(group: Group, paths: list[str]) -> str:
+def _name(group: Group, paths: Sequence[str]) -> str:
     point = [f"{path} = {short(group.point[path])}" for path in paths]
     return ", ".join([*point, group.method, f"tool {summary.tool_text(group)} mm"])
 
@@ -155,7 +154,7 @@ def _name(group: Group, paths: list[str]) -> str:
 # -- the baseline file -------------------------------------------------------------------------------------------------
 
 
-def load(path: Path, campaign: Campaign) -> dict[str, Figure]:
+def load(path: Path, campaign: Spec) -> dict[str, Figure]:
     """The figures of a baseline.
 
     Raises:
@@ -177,7 +176,7 @@ def earlier(path: Path) -> dict[str, Figure]:
     return _figures(_content(path)) if path.exists() else {}
 
 
-def times(path: Path, campaign: Campaign) -> dict[str, Figure]:
+def times(path: Path, campaign: Spec) -> dict[str, Figure]:
     """The times of a baseline that belongs to this spec, to be kept where none are taken; none of another spec."""
     if not path.exists() or _changed(_content(path), campaign):
         return {}
@@ -191,7 +190,7 @@ def _figures(content: Mapping[str, Any]) -> dict[str, Figure]:
     }
 
 
-def save(path: Path, campaign: Campaign, figures: Mapping[str, Figure], changes: list[Change], reason: str) -> None:
+def save(path: Path, campaign: Spec, figures: Mapping[str, Figure], changes: list[Change], reason: str) -> None:
     """Write the baseline anew, with the reason and what moved added to its history.
 
     Raises:
@@ -205,7 +204,7 @@ def save(path: Path, campaign: Campaign, figures: Mapping[str, Figure], changes:
         "schema": SCHEMA,
         "campaign": campaign.name,
         "history": [*history, {"reason": reason.strip(), "moved": moved}],
-        "versions": {name: v for name, v in store.versions().items() if name != "code"},
+        "versions": {name: v for name, v in study.versions().items() if name != "code"},
         "figures": {name: {"kind": f.kind, "value": _finite(f.value)} for name, f in figures.items()},
         "spec": json.loads(campaign.source),
     }
@@ -222,7 +221,7 @@ def _content(path: Path) -> dict[str, Any]:
     return content
 
 
-def _changed(content: Mapping[str, Any], campaign: Campaign) -> list[str]:
+def _changed(content: Mapping[str, Any], campaign: Spec) -> list[str]:
     """Where the spec of a baseline and this one differ."""
     return list(store.differences(_relevant(content["spec"]), _relevant(json.loads(campaign.source))))
 

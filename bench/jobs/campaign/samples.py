@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,18 +12,18 @@ from bench import plan as plans
 from bench.commands import Commands
 from bench.instrument import Instrument
 from bench.jobs import optimal
-from bench.jobs.campaign.cell import Plan
+from bench.jobs.campaign.cell import Poses, Verify
 from pcalib import workspace
 from pcalib.mechanics import kinematics
 from pcalib.mechanics.mechanism import Pose
-from pcalib.robot import Robot
+from pcalib.robot import Robot, Workspace
 
 
-def shared(robot: Robot, wanted: Plan, instrument: Instrument, seed: int) -> plans.Plan | None:
+def shared(robot: Robot, wanted: Poses, instrument: Instrument, seed: int) -> plans.Plan | None:
     """The plan of all robots of a cell, from a file or D-optimal; None where each robot has a plan of its own."""
     if wanted.listed is not None:
         return listed(wanted.listed)
-    if wanted.kind != "d-optimal":
+    if wanted.kind != plans.OPTIMAL:
         return None
     return optimal.make(
         robot, instrument, wanted.poses, tools=list(wanted.tools), payloads=wanted.payloads,
@@ -30,29 +31,52 @@ def shared(robot: Robot, wanted: Plan, instrument: Instrument, seed: int) -> pla
     )  # fmt: skip
 
 
-def own(robot: Robot, wanted: Plan, seed: int) -> plans.Plan:
+def own(robot: Robot, wanted: Poses, seed: int) -> plans.Plan:
     """The plan of one robot: `pcbench simulate` makes the same from this seed.
 
     Raises:
         ReachError: the workspace has too few poses that the robot can take.
     """
+    if wanted.inside < 1:
+        robot = replace(robot, workspace=_shrunk(robot.workspace, wanted.inside))
+    if wanted.kind == "joint":
+        n = wanted.poses
+        q = workspace.reachable(robot, n, np.random.default_rng(seed)).q
+        commands = Commands.of(q, np.resize(wanted.tools, (n, 3)), np.resize(wanted.payloads or [0.0], n))
+        return plans.Plan(commands, np.full(n, -1), np.zeros(n, bool), wanted.kind)
     return plans.make(
         robot, wanted.kind, wanted.poses, tools=list(wanted.tools), payloads=wanted.payloads, seed=seed,
         solver=_solver(robot),
     )  # fmt: skip
 
 
-def targets(robot: Robot, places: str, n: int, spacing: float, seed: int) -> Pose:
-    """Plate poses: n 'random' ones in the workspace or on its 'border', or a 'grid' through it of this spacing [m].
+def targets(robot: Robot, verify: Verify, seed: int) -> Pose:
+    """Plate poses: random ones in the workspace or on its border, or a level grid or level rings through it.
 
     Raises:
         ReachError: the workspace has too few poses that the robot can take.
     """
-    if places == "grid":
-        x = workspace.workspace_grid(robot, spacing or None)
+    if verify.places in ("grid", "rings"):
+        rings = verify.places == "rings"
+        x = _rings(robot.workspace) if rings else workspace.workspace_grid(robot, verify.spacing or None)
         return Pose(x, np.broadcast_to(np.eye(3), (len(x), 3, 3)), np.zeros((len(x), len(robot.mechanism.hinges))))
-    q = plans.make(robot, places, n, seed=seed, solver=_solver(robot)).commands.q
+    q = plans.make(robot, verify.places, verify.targets, seed=seed, solver=_solver(robot)).commands.q
     return kinematics.forward(robot.mechanism, robot.mechanism.nominal, q).pose
+
+
+def _rings(w: Workspace, levels: int = 5, count: int = 3, around: int = 24) -> np.ndarray:
+    """Plate positions (P, 3) [m] in levels through the working cylinder: on its axis and on rings out to its border."""
+    radius = np.append(0.0, np.repeat(w.radius * np.arange(1, count + 1) / count, around))
+    azimuth = np.append(0.0, np.tile(2 * np.pi * np.arange(around) / around, count))
+    disc = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)], axis=-1)
+    z = np.repeat(np.linspace(w.z_min, w.z_max, levels), len(disc))
+    return np.column_stack([np.tile(disc, (levels, 1)), z])
+
+
+def _shrunk(w: Workspace, size: float) -> Workspace:
+    """The working cylinder with its radius and height multiplied by `size`, about its middle."""
+    middle, half = 0.5 * (w.z_max + w.z_min), 0.5 * size * (w.z_max - w.z_min)
+    return replace(w, radius=size * w.radius, z_min=middle - half, z_max=middle + half)
 
 
 def listed(table: Mapping[str, Any]) -> plans.Plan:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -29,21 +29,24 @@ TOP = (
     Setting("schema", "word", SCHEMA, words=(SCHEMA,), about="of this file"),
     Setting("name", "word", about="of the campaign"),
     Setting("robots", "whole", 100, 1, 10_000_000, about="perturbed robots per combination of the sweeps"),
-    Setting("seed", "whole", 0, 0, about="of all that is drawn"),
+    Setting("seed", "whole", 0, 0, about="of everything that is drawn at random"),
 )
 TABLES = (*cell.SECTIONS, "sweep", "output", "regress")
+CHECKED = 1000
+"""So many combinations of swept values are read before anything runs, which takes some seconds. Beyond that, only every
+value by itself is: a combination that is impossible then gives rows with the status 'failed'."""
 
 
 @dataclass(frozen=True, eq=False)
-class Campaign:
-    """A spec, ready to run."""
+class Spec:
+    """A campaign, ready to run."""
 
     name: str
     robots: int
     """Per cell."""
     seed: int
-    points: tuple[Point, ...]
-    """The swept values of each cell; one empty point where nothing is swept."""
+    axes: tuple[tuple[Point, ...], ...]
+    """The steps of each [[sweep]]; a cell is a combination of them, the last axis fastest."""
     output: Output
     regress: Regress
     source: str
@@ -53,34 +56,37 @@ class Campaign:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """What is swept."""
-        return tuple(self.points[0])
+        """The keys that are swept."""
+        return tuple(path for axis in self.axes for path in axis[0])
+
+    @property
+    def n_cells(self) -> int:
+        """The number of combinations; one where nothing is swept."""
+        return prod(map(len, self.axes))
 
     @property
     def n_trials(self) -> int:
         """Robots in all."""
-        return len(self.points) * self.robots
+        return self.n_cells * self.robots
 
-    @property
-    def fingerprint(self) -> str:
-        """A hash of the spec's content."""
-        return hashlib.sha256(self.source.encode()).hexdigest()
+    def point(self, index: int) -> Point:
+        """The swept values of a cell, by key."""
+        chosen: list[Point] = []
+        for axis in reversed(self.axes):
+            index, step = divmod(index, len(axis))
+            chosen.append(axis[step])
+        return {path: value for step in reversed(chosen) for path, value in step.items()}
 
     def cell(self, index: int) -> Cell:
         """The settings of one cell."""
         if index not in self._cells:
             if len(self._cells) >= 8:  # cells are worked through in order
                 self._cells.clear()
-            self._cells[index] = cell.read(sweep.applied(self.table, self.points[index]))
+            self._cells[index] = cell.read(sweep.applied(self.table, self.point(index)))
         return self._cells[index]
 
-    def parts(self) -> list[range]:
-        """Trials, numbered cell after cell, in the pieces in which they are done and kept."""
-        size = self.output.part_robots
-        return [range(i, min(i + size, self.n_trials)) for i in range(0, self.n_trials, size)]
 
-
-def load(path: str | Path) -> Campaign:
+def load(path: str | Path) -> Spec:
     """Read a spec.
 
     Raises:
@@ -92,90 +98,87 @@ def load(path: str | Path) -> Campaign:
         with files.locating(text, path, FORM):
             return parse(json.dumps(_inlined(table, Path(path).parent)))
     except TypeError:
-        raise InputError("dates and times have no place in a spec", file=path, remedy=FORM) from None
+        raise InputError("a spec has no dates or times", file=path, remedy=FORM) from None
 
 
 @lru_cache(maxsize=2)
-def parse(source: str) -> Campaign:
-    """A campaign from canonical JSON; every cell is checked."""
+def parse(source: str) -> Spec:
+    """A spec from canonical JSON; every cell is checked, of a large campaign every swept value."""
     table = json.loads(source)
     known = [*(s.name for s in TOP), *TABLES]
     for key in table:
         if key not in known:
             raise InputError(unknown("key", key, known), column=key)
     top = settings.read({key: v for key, v in table.items() if key not in TABLES}, TOP, "spec", {})
-    if "method" in table and (
-        not isinstance(table["method"], list) or not all(isinstance(m, dict) for m in table["method"])
-    ):
-        raise InputError("'method' must be written as [[method]]", column="method")
     if not table.get("method"):
         table["method"] = [{"name": name} for name in cell.DEFAULT_METHODS]
-    for key in ("output", "regress"):
-        if not isinstance(table.get(key, {}), dict):
-            raise InputError(f"'{key}' must be a section", column=key, remedy=f"write [{key}]")
-    steps = sweep.axes(table.get("sweep", []))
-    out = Campaign(
+    out = Spec(
         name=top["name"],
         robots=top["robots"],
         seed=top["seed"],
-        points=tuple(sweep.combinations(steps)),
-        output=cell.output(table.get("output", {})),
-        regress=cell.regress(table.get("regress", {})),
+        axes=sweep.axes(table.get("sweep", [])),
+        output=Output(**settings.read(cell.section(table, "output"), cell.OUTPUT, "output", {})),
+        regress=Regress(**settings.read(cell.section(table, "regress"), cell.REGRESS, "regress", {})),
         source=source,
         table={key: value for key, value in table.items() if key in cell.SECTIONS},
     )
-    _check(out, steps)
+    _check(out)
     return out
 
 
-def _check(campaign: Campaign, steps: tuple[tuple[Point, ...], ...]) -> None:
-    """Read every cell, so that nothing is found out hours later; the key that is to blame is named."""
-    first = {path: value for axis in steps for path, value in axis[0].items()}
+def _check(spec: Spec) -> None:
+    """Read the cells, so that nothing is found out hours later; the key that is to blame is named."""
+    first = spec.point(0)
     tried = [("", first, first)]
-    for number, axis in enumerate(steps, 1):
+    for number, axis in enumerate(spec.axes, 1):
         tried += [(f"sweep[{number}]", {**first, **step}, step) for step in axis]
-    if len(steps) > 1:
-        tried += [("sweep", point, point) for point in campaign.points]
+    if len(spec.axes) > 1 and spec.n_cells <= CHECKED:
+        tried += [("sweep", point, point) for point in map(spec.point, range(spec.n_cells))]
     for where, point, told in tried:
         try:
-            _require_enough(campaign, cell.read(sweep.applied(campaign.table, point)))
+            read = cell.read(sweep.applied(spec.table, point))
+            listed = read.geometry.listed
+            if listed is not None and spec.robots > len(listed):
+                raise InputError(
+                    f"robots = {spec.robots}, but [geometry] file lists {len(listed)}", column="robots",
+                    remedy=f"write robots = {len(listed)}",
+                )  # fmt: skip
         except InputError as error:
-            if where == "" and steps:
-                _unswept(campaign, error)
-            if not told:
+            if not told or (not where and _same(error, _without_sweeps(spec))):
                 raise
             values = ", ".join(f"{path} = {json.dumps(v)}" for path, v in told.items())
             problem = f"[{where or 'sweep'}] {values} is impossible: {error.problem}"
             raise error.but(problem=problem) from None
 
 
-def _unswept(campaign: Campaign, found: InputError) -> None:
-    """Raise where the spec is wrong in the same way without its sweeps."""
+def _without_sweeps(spec: Spec) -> InputError | None:
+    """What is wrong with the spec as it stands without its sweeps."""
     try:
-        cell.read(campaign.table)
+        cell.read(spec.table)
     except InputError as error:
-        if (error.section, error.key, error.column) == (found.section, found.key, found.column):
-            raise
+        return error
+    return None
 
 
-def _require_enough(campaign: Campaign, read: Cell) -> None:
-    listed = read.geometry.listed
-    if listed is not None and campaign.robots > len(listed):
-        raise InputError(
-            f"robots = {campaign.robots}, but [geometry] file lists {len(listed)}", column="robots",
-            remedy=f"write robots = {len(listed)}",
-        )  # fmt: skip
+def _same(a: InputError, b: InputError | None) -> bool:
+    """Whether two errors are about the same key."""
+    return b is not None and (a.section, a.key, a.column) == (b.section, b.key, b.column)
 
 
 def _inlined(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The table with files replaced by what they say: robot files, listed errors."""
+    """The table with files replaced by their content: robot files, listed errors, plans."""
     out = dict(table)
     if "robot" in out:
         out["robot"] = _robot(out["robot"], folder)
     if isinstance(out.get("geometry"), dict):
-        out["geometry"] = _listed(out["geometry"], folder)
+        path = _beside(out["geometry"], "geometry", "robots", folder)
+        if path:
+            out["geometry"] = {**out["geometry"], "robots": load_listed(path)}
     if isinstance(out.get("plan"), dict):
-        out["plan"] = _planned(out["plan"], out.get("robot"), folder)
+        path = _beside(out["plan"], "plan", "listed", folder)
+        if path and isinstance(out.get("robot"), dict):
+            made = plans.make(robots.parse(tomli_w.dumps(out["robot"]), "robot"), path)
+            out["plan"] = {**out["plan"], "listed": samples.as_lists(made)}
     if isinstance(out.get("sweep"), list):
         out["sweep"] = [
             {k: [_robot(v, folder) for v in values] if k == "robot" and isinstance(values, list) else values
@@ -200,24 +203,14 @@ def _robot(given: Any, folder: Path) -> Any:
     return files.parse_toml(files.read_text(path), path, "see models/delta.toml for the form")
 
 
-def _listed(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    if "robots" in table:
-        raise InputError("[geometry] unknown key 'robots'; robots are listed in a file", column="robots")
+def _beside(table: dict[str, Any], where: str, inlined: str, folder: Path) -> Path | None:
+    """The file that a table names; None where it names none."""
+    if inlined in table:
+        raise InputError(f"[{where}] unknown key '{inlined}'; {inlined} are listed in a file", column=inlined)
     name = table.get("file")
     if name is None:
-        return table
+        return None
     if not isinstance(name, str) or not (folder / name).is_file():
-        raise InputError(f"[geometry] file {name!r} does not exist beside the spec", column="file")
-    return {**table, "robots": load_listed(folder / name)}
+        raise InputError(f"[{where}] file {name!r} does not exist beside the spec", column="file")
+    return folder / name
 
-
-def _planned(table: dict[str, Any], robot: Any, folder: Path) -> dict[str, Any]:
-    if "listed" in table:
-        raise InputError("[plan] unknown key 'listed'; poses are listed in a file", column="listed")
-    name = table.get("file")
-    if name is None or not isinstance(robot, dict):
-        return table
-    if not isinstance(name, str) or not (folder / name).is_file():
-        raise InputError(f"[plan] file {name!r} does not exist beside the spec", column="file")
-    made = plans.make(robots.parse(tomli_w.dumps(robot), "robot"), folder / name)
-    return {**table, "listed": samples.as_lists(made)}

@@ -1,20 +1,24 @@
-"""What a campaign found, in figures per cell, method and tool; from the results file, a row group at a time."""
+"""What a campaign found, in figures per cell, method and tool."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.jobs.campaign.store import KEY
-from bench.jobs.campaign.sweep import short
+from bench.jobs.campaign import spec as specs
+from bench.jobs.campaign.spec import Spec
+from bench.jobs.campaign.study import Campaign
+from bench.jobs.campaign.sweep import label, short
 from pcalib.data import table as tables
+from pcalib.errors import InputError
 from pcalib.wording import size
 
 
@@ -63,16 +67,16 @@ class Group:
 class Summary:
     """A campaign's results in figures."""
 
-    about: Mapping[str, Any]
-    """The metadata of the results: name, seed, cells, versions, spec."""
+    spec: Spec
+    versions: Mapping[str, str]
     groups: tuple[Group, ...]
     reasons: Mapping[str, int]
     """Why rows have no figures, with their number, the most frequent first."""
 
     @property
-    def paths(self) -> list[str]:
-        """What is swept."""
-        return list(self.about["cells"][0])
+    def points(self) -> dict[int, Mapping[str, Any]]:
+        """The swept values of each cell that has rows."""
+        return {g.cell: g.point for g in self.groups}
 
     @property
     def failed(self) -> int:
@@ -80,24 +84,41 @@ class Summary:
         return sum(self.reasons.values())
 
 
+Key = tuple[int, str, str, float]
+
+
 def read(results: Path) -> Summary:
-    """The summary of a results file."""
-    file = pq.ParquetFile(results)
-    about = json.loads((file.schema_arrow.metadata or {})[KEY])
-    gathered: dict[tuple[int, str, str, float], list[list[np.ndarray]]] = {}
-    counts: dict[tuple[int, str, str, float], np.ndarray] = {}
+    """The summary of a results file, which is read a row group at a time.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        file = pq.ParquetFile(results)
+        return of((file.read_row_group(i, columns=COLUMNS) for i in range(file.num_row_groups)), file.schema_arrow)
+    except (pa.ArrowException, OSError) as error:
+        why = (str(error).splitlines() or [""])[0]
+        remedy = "run the campaign again: what cannot be read is set aside and done again"
+        raise InputError(f"is damaged: {why}", file=results, remedy=remedy) from None
+
+
+NUMBERS = ["cell", "robot", "reached", "targets", "rms_um", "max_um"]
+COLUMNS = [*NUMBERS, "method", "tool", "tool_length_mm", "status", "reason"]
+
+
+def of(tables: Iterable[pa.Table], schema: pa.Schema) -> Summary:
+    """The summary of results, given in pieces, and their schema, whose metadata hold the spec."""
+    about = json.loads((schema.metadata or {})[Campaign.SCHEMA.partition("/")[0].encode()])
+    spec = specs.parse(json.dumps(about["spec"]))
+    gathered: dict[Key, list[list[np.ndarray]]] = {}
+    counts: dict[Key, np.ndarray] = {}
     reasons: Counter[str] = Counter()
-    numbers = ["cell", "robot", "reached", "targets", "rms_um", "max_um"]
-    wanted = [*numbers, "method", "tool", "tool_length_mm", "status", "reason"]
-    for number in range(file.num_row_groups):
-        table = file.read_row_group(number, columns=wanted)
-        ok = np.array(table["status"].to_pylist()) == "ok"
-        reasons.update(reason for reason, fine in zip(table["reason"].to_pylist(), ok, strict=True) if not fine)
-        values = {name: table[name].to_numpy() for name in numbers}
-        keys = list(
-            zip(*(table[name].to_pylist() for name in ("cell", "method", "tool", "tool_length_mm")), strict=True)
-        )
-        rows: dict[tuple[int, str, str, float], list[int]] = {}
+    for piece in tables:
+        ok = np.array(piece["status"].to_pylist()) == "ok"
+        reasons.update(reason for reason, fine in zip(piece["reason"].to_pylist(), ok, strict=True) if not fine)
+        values = {name: piece[name].to_numpy() for name in NUMBERS}
+        rows: dict[Key, list[int]] = {}
+        keys = zip(*(piece[name].to_pylist() for name in ("cell", "method", "tool", "tool_length_mm")), strict=True)
         for row, key in enumerate(keys):
             rows.setdefault(key, []).append(row)
         for key, where in rows.items():
@@ -107,16 +128,15 @@ def read(results: Path) -> Summary:
             told = np.array([len(here) - len(good), values["reached"][good].sum(), values["targets"][good].sum()])
             counts[key] = counts.get(key, 0) + told
     groups = []
-    for key in gathered:
-        robot, rms, largest = (np.concatenate(part) for part in zip(*gathered[key], strict=True))
-        failed, reached, targets = counts[key]
-        cell, method, tool, length = key
+    for (cell, method, tool, length), pieces in gathered.items():
+        robot, rms, largest = (np.concatenate(part) for part in zip(*pieces, strict=True))
+        failed, reached, targets = counts[cell, method, tool, length]
         share = float(reached / targets) if targets else 0.0
-        point = about["cells"][cell]
+        point = {path: label(value) for path, value in spec.point(cell).items()}
         groups.append(
             Group(cell, point, method, tool, length * 1e-3, robot, rms * 1e-6, largest * 1e-6, int(failed), share)
         )
-    return Summary(about, tuple(groups), dict(reasons.most_common()))
+    return Summary(spec, about["versions"], tuple(groups), dict(reasons.most_common()))
 
 
 HEADER = ("method", "tool mm", "robots", "failed", "reached", "RMS", "median", "95 % below", "max", "worst robot")
@@ -129,7 +149,7 @@ def table(summary: Summary) -> tuple[list[str], list[list[str]]]:
         figures = [g.pooled, g.percentile(50), g.percentile(95), g.worst]
         rows.append(
             [
-                *(short(g.point[path]) for path in summary.paths),
+                *(short(g.point[path]) for path in summary.spec.paths),
                 g.method,
                 tool_text(g),
                 str(len(g.rms)),
@@ -139,8 +159,8 @@ def table(summary: Summary) -> tuple[list[str], list[list[str]]]:
                 "–" if g.worst_robot is None else str(g.worst_robot),
             ]
         )
-    ends = [path.rpartition(".")[2] for path in summary.paths]
-    return [*(ends if len(set(ends)) == len(ends) else summary.paths), *HEADER], rows
+    ends = [path.rpartition(".")[2] for path in summary.spec.paths]
+    return [*(ends if len(set(ends)) == len(ends) else summary.spec.paths), *HEADER], rows
 
 
 def write_csv(summary: Summary, path: Path) -> Path:
@@ -151,18 +171,18 @@ def write_csv(summary: Summary, path: Path) -> Path:
         for key, value in flat.items():
             text = "" if value is None else f"{value:.9g}" if isinstance(value, float) else str(value)
             columns.setdefault(key, []).append(text)
-    tables.write(path, columns, {"campaign": summary.about["name"]})
+    tables.write(path, columns, {"campaign": summary.spec.name})
     return path
 
 
 def as_json(summary: Summary) -> dict[str, Any]:
     """The same, as stable keys."""
     return {
-        "schema": "pcbench.campaign/1",
-        "name": summary.about["name"],
-        "seed": summary.about["seed"],
-        "robots": summary.about["robots"],
-        "versions": summary.about["versions"],
+        "schema": Campaign.SCHEMA,
+        "name": summary.spec.name,
+        "seed": summary.spec.seed,
+        "robots": summary.spec.robots,
+        "versions": summary.versions,
         "groups": [
             {
                 "cell": g.cell,

@@ -13,7 +13,6 @@ A key is the path to a setting, written as in the spec; a method is reached by i
 from __future__ import annotations
 
 import copy
-import itertools
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -39,12 +38,6 @@ def axes(tables: Any) -> tuple[tuple[Point, ...], ...]:
     for number, steps in enumerate(out, 1):
         _distinct(number, steps)
     return out
-
-
-def combinations(steps: Sequence[Sequence[Point]]) -> Iterator[Point]:
-    """Every combination, the last axis fastest; one empty point where there are no axes."""
-    for chosen in itertools.product(*steps):
-        yield {path: value for point in chosen for path, value in point.items()}
 
 
 def label(value: Any) -> Any:

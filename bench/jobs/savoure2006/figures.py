@@ -8,25 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.jobs import charts
 from bench.jobs.savoure2006 import study, trial
-from bench.jobs.savoure2006.study import Scores, Study
+from bench.jobs.savoure2006.study import Found, Scores
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LOOK: Mapping[str, Any] = {
-    "none": {"color": "#D55E00", "linestyle": "-", "marker": "s"},
-    "classical": {"color": "#0072B2", "linestyle": "--", "marker": "D"},
-    "model24": {"color": "#56B4E9", "linestyle": "--", "marker": "d"},
-    "paper_linear_first_order": {"color": "#009E73", "linestyle": "-.", "marker": "^"},
-    "linear_weighted_first_order": {"color": "#009E73", "linestyle": "-.", "marker": "^"},
-    "gauss_newton_exact": {"color": "#CC79A7", "linestyle": ":", "marker": "v"},
-    "map_exact": {"color": "#000000", "linestyle": "-", "marker": "o"},
-    "map_position_one_tool": {"color": "#999999", "linestyle": "--", "marker": "x"},
-    "map_position_three_tools": {"color": "#E69F00", "linestyle": "-", "marker": "P"},
-}
-"""One look per method in all figures; colours that the colour-blind can tell apart, and lines that print in grey."""
 SHORT = {
     "none": "no calibration",
     "classical": "classical (q0, l)",
@@ -34,54 +23,38 @@ SHORT = {
     "gauss_newton_exact": "Gauss–Newton on the base of 6, exact inverse",
     "map_exact": "all 9 with priors (MAP), exact inverse",
 }
-STYLE: Any = {
-    "font.size": 9, "axes.titlesize": 10.5, "axes.titleweight": "bold", "axes.titlelocation": "left", "axes.grid": True,
-    "grid.color": "#dddddd", "grid.linewidth": 0.6, "axes.spines.top": False, "axes.spines.right": False,
-    "lines.linewidth": 1.6, "lines.markersize": 4.5, "legend.frameon": False, "svg.hashsalt": "pcalib",
-}  # fmt: skip
+STYLE = charts.STYLE | {"axes.titlesize": 10.5, "axes.titleweight": "bold"}
 
 
-def save(found: Study, folder: Path) -> list[Path]:
+def save(found: Found, folder: Path) -> list[Path]:
     """Draw everything into a folder as PNG and SVG; returns the PNG files."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    draw: dict[str, Callable[[], Figure]] = {
-        "fig5_h0": lambda: curves(found.ladder[0.0], 0.0, found.seeds),
-        "fig6_h200": lambda: curves(found.ladder[0.2], 0.2, found.seeds),
-        "fig7_noise_and_poses": lambda: noise_and_poses(found),
-        "scaling": lambda: scaling(found),
-        "other_tools": lambda: other_tools(found),
-        "delta": lambda: delta(found),
+    draw: dict[str, Callable[[Figure], None]] = {
+        "fig5_h0": lambda figure: curves(figure, found.ladder[0.0], 0.0, found.seeds),
+        "fig6_h200": lambda figure: curves(figure, found.ladder[0.2], 0.2, found.seeds),
+        "fig7_noise_and_poses": lambda figure: noise_and_poses(figure, found),
+        "scaling": lambda figure: scaling(figure, found),
+        "other_tools": lambda figure: other_tools(figure, found),
+        "delta": lambda figure: delta(figure, found),
     }
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    with plt.rc_context(STYLE):
-        for name, make in draw.items():
-            figure = make()
-            for suffix in (".svg", ".png"):
-                figure.savefig(
-                    folder / f"{name}{suffix}", dpi=160, metadata={"Date": None} if suffix == ".svg" else None
-                )
-            paths.append(folder / f"{name}.png")
-            plt.close(figure)
-    return paths
+    return charts.save(draw.items(), folder, (".png", ".svg"), STYLE)
 
 
-def curves(scores: Scores, h: float, seeds: int) -> Figure:
+def look(method: str) -> dict[str, Any]:
+    """How a method is drawn."""
+    return dict(charts.looks([method]))[method]
+
+
+def curves(figure: Figure, scores: Scores, h: float, seeds: int) -> None:
     """Figures 5 and 6: x-error over the stroke, above as the paper draws it, below what it cannot show."""
-    from matplotlib import pyplot as plt
-
-    figure, (above, below) = plt.subplots(2, 1, figsize=(6.4, 6.0), sharex=True, layout="constrained")
+    figure.set_size_inches(6.4, 6.0)
+    above, below = figure.subplots(2, 1, sharex=True)
     q = trial.Q_CHECKED / trial.DEGREE
 
     def plot(ax: Axes, keys: Sequence[str], factor: float) -> None:
         for key in keys:
-            look: Any = LOOK[key] | {"marker": None}
+            style: Any = look(key) | {"marker": None}
             s = scores[key, h]
-            ax.plot(q, factor * s.curve, label=f"{SHORT[key]}: RMS {_length(s.rms)}, max {_length(s.max)}", **look)
+            ax.plot(q, factor * s.curve, label=f"{SHORT[key]}: RMS {_length(s.rms)}, max {_length(s.max)}", **style)
         low, high = ax.get_ylim()
         ax.set_ylim(low, high + 0.42 * (high - low))
         ax.legend(loc="upper left", fontsize=8)
@@ -95,14 +68,12 @@ def curves(scores: Scores, h: float, seeds: int) -> Figure:
     below.set_ylabel("x-error of the TCP [µm]")
     below.set_xlabel(f"actuator angle q [°]      (curves: one noise seed; RMS and max: mean of {seeds})")
     below.set_xticks(np.arange(-45, 46, 15))
-    return figure
 
 
-def noise_and_poses(found: Study) -> Figure:
+def noise_and_poses(figure: Figure, found: Found) -> None:
     """Figure 7: what less noise or more poses gain."""
-    from matplotlib import pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.3), sharey=True, layout="constrained")
+    figure.set_size_inches(9.0, 4.3)
+    left, right = figure.subplots(1, 2, sharey=True)
     _axis(left, found.noise, factor=1e6 * trial.SIGMA_POS)
     _axis(right, found.poses)
     left.set_xlabel("measuring noise, 1σ [µm]  (and as many 0.001°)")
@@ -110,17 +81,15 @@ def noise_and_poses(found: Study) -> Figure:
     left.set_ylabel("RMS x-error of the TCP [µm], h = 200 mm")
     left.set_title("19 poses")
     right.set_title("noise 3 µm, 0.003°")
-    _ticks(left, [1e6 * trial.SIGMA_POS * f for f in found.noise])
-    _ticks(right, list(found.poses))
-    _legend_above(figure, left, "Better data help the fit that has no bias, and hardly any other")
-    return figure
+    charts.logarithmic(left.xaxis, [1e6 * trial.SIGMA_POS * f for f in found.noise])
+    charts.logarithmic(right.xaxis, list(found.poses))
+    charts.legend_above(figure, left, "Better data help the fit that has no bias, and hardly any other")
 
 
-def scaling(found: Study) -> Figure:
+def scaling(figure: Figure, found: Found) -> None:
     """Why: the bias of the linear method grows as the square of the errors and ignores the number of poses."""
-    from matplotlib import pyplot as plt
-
-    figure, ax = plt.subplots(figsize=(6.8, 5.0), layout="constrained")
+    figure.set_size_inches(6.8, 5.0)
+    ax = figure.subplots()
     _axis(ax, found.scaling, keys=["paper_linear_first_order", "gauss_newton_exact", "map_exact"])
     _axis(ax, found.scaling_poses, keys=["paper_linear_first_order", "gauss_newton_exact", "map_exact"], faint=True)
     largest = max(found.scaling)
@@ -130,52 +99,47 @@ def scaling(found: Study) -> Figure:
     ax.annotate("∝ error²", (0.45 * largest, 0.2 * level), xytext=(-8, 6), textcoords="offset points", ha="right")
     ax.set_xlabel("size of the geometric errors, Table 2 = 1")
     ax.set_ylabel("RMS x-error of the TCP [µm], h = 200 mm")
-    _ticks(ax, list(found.scaling))
+    charts.logarithmic(ax.xaxis, list(found.scaling))
     ax.plot([], [], color="#444444", label="19 poses (thick)", linewidth=1.6)
     ax.plot([], [], color="#444444", label="181 poses (thin, open markers)", linewidth=0.8)
-    _legend_above(figure, ax, "The linear method's error is bias: ∝ error², whatever the number of poses", columns=1)
-    return figure
+    message = "The linear method's error is bias: ∝ error², whatever the number of poses"
+    charts.legend_above(figure, ax, message, columns=1)
 
 
-def other_tools(found: Study) -> Figure:
+def other_tools(figure: Figure, found: Found) -> None:
     """Measured with one tool, used with others."""
-    from matplotlib import pyplot as plt
-
-    figure, ax = plt.subplots(figsize=(6.8, 5.2), layout="constrained")
+    figure.set_size_inches(6.8, 5.2)
+    ax = figure.subplots()
     lengths = 1e3 * np.array(study.USED_AT)
     for key in SHORT:
         rms = [1e6 * found.transfer[key, h].rms for h in study.USED_AT]
-        ax.plot(lengths, rms, label=SHORT[key], **LOOK[key])
-    ax.set_yscale("log")
+        ax.plot(lengths, rms, label=SHORT[key], **look(key))
+    charts.logarithmic(ax.yaxis)
     ax.axvline(1e3 * study.MEASURED_AT, color="#666666", linewidth=0.8, zorder=0)
     ax.annotate("measured here", (1e3 * study.MEASURED_AT, 1), xycoords=("data", "axes fraction"), xytext=(4, -10),
                 textcoords="offset points", color="#444444", fontsize=8)  # fmt: skip
     ax.set_xlabel("tool length h in use [mm]")
     ax.set_ylabel("RMS x-error of the TCP [µm]")
-    _decades(ax)
-    _legend_above(figure, ax, "Measured with h = 100 mm: only true geometry carries over to other tools", columns=1)
-    return figure
+    message = "Measured with h = 100 mm: only true geometry carries over to other tools"
+    charts.legend_above(figure, ax, message, columns=1)
 
 
-def delta(found: Study) -> Figure:
+def delta(figure: Figure, found: Found) -> None:
     """The Delta ladder at three tools."""
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(1, len(found.delta), figsize=(10.0, 4.9), sharey=True, layout="constrained")
+    figure.set_size_inches(10.0, 4.9)
+    axes = figure.subplots(1, len(found.delta), sharey=True)
     lengths = [1e3 * h for h in trial.DELTA_TOOLS]
     for ax, (name, scores) in zip(axes, found.delta.items(), strict=True):
-        for key, label in ((m.key, m.label) for m in trial.DELTA_METHODS):
+        for key, label in ((m.name, m.label) for m in trial.DELTA_METHODS):
             rms = [1e6 * scores[key, h].rms for h in trial.DELTA_TOOLS]
-            ax.plot(lengths, rms, label=label, **LOOK[key])
+            ax.plot(lengths, rms, label=label, **look(key))
         length, angle = trial.DELTA_ERRORS[name]
-        ax.set_yscale("log")
+        charts.logarithmic(ax.yaxis)
         ax.set_title(f"errors {1e3 * length:g} mm, {angle / trial.DEGREE:g}° (1σ)")
         ax.set_xlabel("tool length in use [mm]")
         ax.set_xticks(lengths)
     axes[0].set_ylabel("RMS distance of TCP and target [µm]")
-    _decades(axes[0])
-    _legend_above(figure, axes[0], "Delta, measured at the plate: a model that knows no tilt fails with a tool")
-    return figure
+    charts.legend_above(figure, axes[0], "Delta, measured at the plate: a model that knows no tilt fails with a tool")
 
 
 def _axis(
@@ -186,36 +150,13 @@ def _axis(
     faint: bool = False,
 ) -> None:
     """RMS by the values of a study, both logarithmic."""
-    for key in keys or [m.key for m in study.COMPARED]:
+    for key in keys or [m.name for m in study.COMPARED]:
         rms = [1e6 * scores[key, study.LONG].rms for scores in values.values()]
         more = {"linewidth": 0.8, "markerfacecolor": "white"} if faint else {"label": SHORT[key]}
-        look: Any = LOOK[key] | more
-        ax.plot(factor * np.array(list(values)), rms, **look)
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    _decades(ax)
-
-
-def _ticks(ax: Axes, values: Sequence[float]) -> None:
-    """The values of the study and no others along a logarithmic axis."""
-    ax.set_xticks(values, [f"{v:g}" for v in values])
-    ax.minorticks_off()
-
-
-def _decades(ax: Axes) -> None:
-    """Plain numbers on a logarithmic axis."""
-    from matplotlib.ticker import FuncFormatter
-
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-
-
-def _legend_above(figure: Figure, ax: Axes, title: str, columns: int = 2) -> None:
-    """The figure's message, and one legend for all panels under it."""
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper left", ncols=columns, fontsize=8, title=title, alignment="left",
-        title_fontproperties={"size": 10.5, "weight": "bold"},
-    )  # fmt: skip
+        style: Any = look(key) | more
+        ax.plot(factor * np.array(list(values)), rms, **style)
+    charts.logarithmic(ax.xaxis)
+    charts.logarithmic(ax.yaxis)
 
 
 def _length(value: float) -> str:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
+import pyarrow.parquet as pq
+from cyclopts import Parameter
+
+from bench.jobs import running
+from bench.jobs.methods import Method
 from bench.jobs.savoure2006 import figures, study, trial
 from pcalib.cli import frame
 from pcalib.errors import InputError
 
 
 def command(
-    *, seeds: int = 200, out: Path = Path("out/savoure2006"), json: frame.JsonOption = None, robots: int = 20,
-    workers: int | None = None, quick: bool = False,
+    *, seeds: int = 200, out: Annotated[Path, Parameter(validator=frame.folder_place)] = Path("out/savoure2006"),
+    json: frame.JsonOption = None, robots: int = 20, workers: int | None = None, quick: bool = False,
 ) -> int:  # fmt: skip
     """Repeat the numerical study of Savoure et al. (ICRA 2006), and go on from there.
 
@@ -23,7 +28,8 @@ def command(
 
     Args:
         seeds: Noise seeds of the tables; the studies of noise, poses and scale use a fifth of them.
-        out: Folder for the figures.
+        out: Folder for the figures, and for the results of every seed (results/results.parquet). A run that was
+            interrupted goes on where it stood.
         robots: Random Deltas.
         workers: Processes; as many as there are processors where not given.
         quick: A few seeds, robots and values only, to see that everything runs.
@@ -33,9 +39,10 @@ def command(
     for name, value in (("--seeds", seeds), ("--robots", robots), ("--workers", workers)):
         if value is not None and value < 1:
             raise InputError(f"{name} {value} must be at least 1")
-    _writable(out, json)
-    with frame.progress("seeds and robots", len(study.jobs(seeds, robots, quick))) as advance:
-        found = study.run(seeds, robots, quick, workers or os.cpu_count() or 1, advance)
+    asked = study.Savoure(seeds, robots, quick)
+    with frame.progress("seeds and robots", asked.n_trials) as advance:
+        outcome = running.run(asked, out / "results", workers, progress=advance, say=frame.say, renew=True)
+    found = study.found(asked, pq.read_table(outcome.results))
     show(found)
     for path in figures.save(found, out):
         print(path)
@@ -43,23 +50,11 @@ def command(
     return frame.OK
 
 
-def _writable(out: Path, json: Path | None) -> None:
-    """Say before the work, not after it, that the results have no place to go."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"cannot make this folder: {error.strerror}", file=out, remedy="name another with --out"
-        ) from None
-    if json is not None and not json.absolute().parent.is_dir():
-        raise InputError("cannot write: there is no such folder", file=json, remedy="name a folder that exists")
-
-
 Column = tuple[str, study.Scores, float]
 """Heading, scores, tool length in use."""
 
 
-def show(found: study.Study) -> None:
+def show(found: study.Found) -> None:
     """Print the tables and what follows from them."""
     _table(
         f"Planar mechanism of Table 2, measured and used with one tool, mean of {found.seeds} seeds",
@@ -88,9 +83,9 @@ def show(found: study.Study) -> None:
         )
 
 
-def _table(title: str, methods: Sequence[trial.Method], columns: Sequence[Column]) -> None:
+def _table(title: str, methods: Sequence[Method], columns: Sequence[Column]) -> None:
     rows = [
-        [m.label, *(f"{1e3 * s[m.key, h].rms:.4f} / {1e3 * s[m.key, h].max:.4f}" for _, s, h in columns)]
+        [m.label, *(f"{1e3 * s[m.name, h].rms:.4f} / {1e3 * s[m.name, h].max:.4f}" for _, s, h in columns)]
         for m in methods
     ]
     frame.show_table(["RMS / max [mm]", *(heading for heading, _, _ in columns)], rows, title=title)

@@ -1,14 +1,14 @@
-"""All trials together: the tables and the studies of noise, poses, scale and tools, in parallel."""
+"""All trials together: the tables, and the studies of noise, poses, scale and tools."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from bench.jobs.savoure2006 import closed_form as closed
 from bench.jobs.savoure2006.trial import (
@@ -19,13 +19,13 @@ from bench.jobs.savoure2006.trial import (
     SIGMA_ROT,
     TABLE_2,
     TOOLS,
-    Errors,
     Trial,
     delta_errors,
     method,
     planar_errors,
     robot,
 )
+from bench.jobs.study import Row, Study
 from pcalib.fitting import identifiability
 
 
@@ -46,7 +46,7 @@ Scores = dict[tuple[str, float], Score]
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class Found:
     """Everything that the figures and tables show. Keys of the dicts are the values of the axis."""
 
     seeds: int
@@ -100,63 +100,83 @@ def trials(quick: bool = False) -> dict[tuple[str, float], Trial]:
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """A batch of seeds of one trial."""
-
-    study: str
-    value: float | str
-    once: Callable[[int], Errors]
-    seeds: range
+Item = tuple[str, float | str, int]
+"""Name of a study, value of its axis, seed: one trial."""
 
 
-def jobs(seeds: int, robots: int, quick: bool) -> list[Job]:
-    """The work of :func:`run`, in batches for its processes."""
-
-    def batches(study: str, value: float | str, once: Callable[[int], Errors], n: int, size: int) -> list[Job]:
-        return [Job(study, value, once, range(i, min(i + size, n))) for i in range(0, n, size)]
-
-    out: list[Job] = []
-    for (study, value), trial in trials(quick).items():
+def items(seeds: int, robots: int, quick: bool) -> list[Item]:
+    """All trials, in order."""
+    out: list[Item] = []
+    for study, value in trials(quick):
         n = seeds if study in ("ladder", "transfer") else max(1, seeds // AXIS_SHARE)
-        out += batches(study, value, partial(planar_errors, trial), n, 20)
-    for name, sigma in DELTA_ERRORS.items():
-        out += batches("delta", name, partial(delta_errors, sigma), robots, 2)
-    return out
+        out += [(study, value, seed) for seed in range(n)]
+    return out + [("delta", name, seed) for name in DELTA_ERRORS for seed in range(robots)]
 
 
-def _perform(job: Job) -> tuple[Job, dict[int, Errors]]:
-    return job, {seed: job.once(seed) for seed in job.seeds}
+class Savoure(Study):
+    """The trials of the study; the errors at every target are kept for the first seed."""
+
+    SCHEMA = "pcbench.savoure2006/1"
+
+    def __init__(self, seeds: int = 200, robots: int = 20, quick: bool = False):
+        self.name, self.seeds, self.quick = "savoure2006", seeds, quick
+        self.source = json.dumps({"seeds": seeds, "robots": robots, "quick": quick})
+        self.items = items(seeds, robots, quick)
+        self._trials = trials(quick)
+
+    @classmethod
+    def parse(cls, source: str) -> Savoure:
+        """The study of a source."""
+        return cls(**json.loads(source))
+
+    @property
+    def n_trials(self) -> int:
+        """Seeds of all studies."""
+        return len(self.items)
+
+    @property
+    def part_trials(self) -> int:
+        """Seeds per part: a second of work of the planar mechanism, ten of the Delta."""
+        return 10
+
+    def columns(self) -> Sequence[tuple[str, pa.DataType]]:
+        """RMS and largest TCP error over the checked targets, per method and tool."""
+        return [
+            ("trial", pa.int32()), ("study", pa.string()), ("value", pa.string()), ("seed", pa.int32()),
+            ("method", pa.string()), ("tool_m", pa.float64()), ("rms_m", pa.float64()), ("max_m", pa.float64()),
+            ("error_m", pa.list_(pa.float64())),
+        ]  # fmt: skip
+
+    def rows(self, number: int) -> Sequence[Row]:
+        """One row per method and tool."""
+        study, value, seed = self.items[number]
+        if study == "delta":
+            errors = delta_errors(DELTA_ERRORS[str(value)], seed)
+        else:
+            errors = planar_errors(self._trials[study, float(value)], seed)
+        return [
+            {
+                "trial": number, "study": study, "value": str(value), "seed": seed, "method": method, "tool_m": tool,
+                "rms_m": float(np.sqrt(np.mean(e**2))), "max_m": float(np.abs(e).max()),
+                "error_m": e.tolist() if seed == 0 else None,
+            }
+            for (method, tool), e in errors.items()
+        ]  # fmt: skip
 
 
-def run(
-    seeds: int = 200, robots: int = 20, quick: bool = False, workers: int = 2, tick: Callable[[], None] | None = None
-) -> Study:
-    """All studies.
+def found(study: Savoure, results: pa.Table) -> Found:
+    """What the tables and figures show, from the results."""
+    gathered: dict[tuple[str, float | str], dict[tuple[str, float], list[Row]]] = {}
+    for row in results.to_pylist():
+        name, value, _ = study.items[row["trial"]]
+        gathered.setdefault((name, value), {}).setdefault((row["method"], row["tool_m"]), []).append(row)
+    scores = {key: {of: _score(rows) for of, rows in mine.items()} for key, mine in gathered.items()}
 
-    Args:
-        seeds: noise seeds of the tables; the studies along an axis use a fifth of them.
-        robots: random Deltas.
-        quick: fewer values along each axis.
-        tick: called after each of :func:`jobs`.
-    """
-    from joblib import Parallel, delayed
+    def axis(name: str) -> dict[float, Scores]:
+        return {value: scores[name, value] for study_name, value in trials(study.quick) if study_name == name}
 
-    found: dict[tuple[str, float | str], dict[int, Errors]] = defaultdict(dict)
-    results: Any = Parallel(n_jobs=workers, return_as="generator_unordered")(
-        delayed(_perform)(job) for job in jobs(seeds, robots, quick)
-    )
-    for job, errors in results:
-        found[job.study, job.value] |= errors
-        if tick:
-            tick()
-    scores = {key: _score([of[seed] for seed in sorted(of)]) for key, of in found.items()}
-
-    def axis(study: str) -> dict[float, Scores]:
-        return {value: scores[study, value] for name, value in trials(quick) if name == study}
-
-    return Study(
-        seeds=seeds, ladder=axis("ladder"), transfer=scores["transfer", MEASURED_AT], noise=axis("noise"),
+    return Found(
+        seeds=study.seeds, ladder=axis("ladder"), transfer=scores["transfer", MEASURED_AT], noise=axis("noise"),
         poses=axis("poses"), scaling=axis("scaling"), scaling_poses=axis("scaling_poses"),
         delta={name: scores["delta", name] for name in DELTA_ERRORS}, rank=planar_rank(),
     )  # fmt: skip
@@ -170,19 +190,15 @@ def planar_rank() -> int:
     return identifiability.analyse(S.reshape(-1, 9), prior, mechanism.parameters).n_identified
 
 
-def _score(runs: Sequence[Errors]) -> Scores:
+def _score(rows: Sequence[Row]) -> Score:
     """What the seeds have in common."""
-    out = {}
-    for key in runs[0]:
-        e = np.stack([r[key] for r in runs])
-        rms = np.sqrt(np.mean(e**2, axis=1))
-        out[key] = Score(
-            float(rms.mean()), float(np.abs(e).max(axis=1).mean()), e[0], float(rms.std() / np.sqrt(len(rms)))
-        )
-    return out
+    rms, largest = (np.array([row[name] for row in rows]) for name in ("rms_m", "max_m"))
+    return Score(
+        float(rms.mean()), float(largest.mean()), np.array(rows[0]["error_m"]), float(rms.std() / np.sqrt(len(rms)))
+    )
 
 
-def summary(study: Study) -> dict[str, Any]:
+def summary(study: Found) -> dict[str, Any]:
     """The study as JSON."""
 
     def table(scores: Scores, tool: float) -> dict[str, dict[str, float]]:

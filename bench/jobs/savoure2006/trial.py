@@ -6,24 +6,22 @@ not know it. The Delta, which has no closed form, is measured through its forwar
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from bench.jobs.methods import Method
 from bench.jobs.savoure2006 import closed_form as closed
+from bench.kinds import MODELS
 from pcalib import compensation, rotation, workspace
 from pcalib import robot as robots
 from pcalib.data.measurement import Measurements
-from pcalib.fitting import identification
 from pcalib.mechanics import kinematics
 from pcalib.model import Model
 from pcalib.robot import Robot
 
-MODELS = Path(__file__).parents[3] / "models"
 DEGREE = np.pi / 180
 
 TABLE_2 = np.array([0.01 * DEGREE, 1e-3, 0.0, 3e-3, 0.0, -2e-3, 0.0, 1e-3, -1e-3])
@@ -44,51 +42,51 @@ DELTA_ERRORS = {"delta": (0.1e-3, 0.05 * DEGREE), "delta_large_errors": (0.5e-3,
 DELTA_POSES = 40
 
 
-@dataclass(frozen=True)
-class Method:
-    """One way to calibrate: what is fitted to what, and how commands are found with it."""
-
-    key: str
-    label: str
-    fit: Mapping[str, Any] | None = None
-    """Arguments of :func:`identification.fit`; None: nominal robot."""
-    compensation: str = "exact"
-    reads: str = "pose"
-    """'pose', 'x' (eq. 38 knows no more), 'position', 'position, three tools'."""
-
-
-_LINEAR = {"method": "linear", "fixed": HELD}
-_GAUSS_NEWTON = {"method": "base", "fixed": HELD}
-PLANAR_METHODS = (
-    Method("none", "no calibration"),
-    Method("classical", "classical: q0 and l", {"level": "classical", "method": "linear"}, reads="x"),
-    Method(
-        "paper_linear_first_order", "the paper: linear LS, first order", _LINEAR | {"weighted": False}, "first-order"
-    ),
-    Method("linear_weighted_first_order", "linear LS weighted by 1σ, first order", _LINEAR, "first-order"),
-    Method("linear_weighted_exact", "linear LS weighted, exact inverse", _LINEAR),
-    Method("gauss_newton_first_order", "Gauss–Newton on the base, first order", _GAUSS_NEWTON, "first-order"),
-    Method("gauss_newton_exact", "Gauss–Newton on the base, exact inverse", _GAUSS_NEWTON),
-    Method("map_exact", "MAP on all nine, exact inverse", {"method": "map"}),
+_PAPER = Method(
+    "paper_linear_first_order", fit="linear", compensation="first-order", weighted=False,
+    label="the paper: linear LS, first order",
+)  # fmt: skip
+"""1 mm weighs like 1 rad, the plain reading of the paper."""
+_WEIGHTED = replace(
+    _PAPER, name="linear_weighted_first_order", weighted=True, label="linear LS weighted by 1σ, first order"
 )
-DELTA_METHODS = (
-    Method("none", "no calibration"),
-    Method("classical", "classical: 9 parameters", {"level": "classical", "method": "base"}),
-    Method("model24", "Model 24: perfect parallelograms", {"level": "model24", "method": "base"}),
-    Method(
-        "linear_weighted_first_order",
-        "the paper: linear LS weighted by 1σ, first order",
-        {"method": "linear"},
-        "first-order",
+_BASE = Method("gauss_newton_exact", fit="base", label="Gauss–Newton on the base, exact inverse")
+PLANAR_METHODS = (
+    Method("none", "nominal", label="no calibration"),
+    Method("classical", "classical", "linear", reads="x", label="classical: q0 and l"),
+    *(
+        replace(method, fixed=HELD)
+        for method in (
+            _PAPER,
+            _WEIGHTED,
+            replace(
+                _WEIGHTED, name="linear_weighted_exact", compensation="exact",
+                label="linear LS weighted, exact inverse",
+            ),
+            replace(
+                _BASE, name="gauss_newton_first_order", compensation="first-order",
+                label="Gauss–Newton on the base, first order",
+            ),
+            _BASE,
+            replace(
+                _BASE, name="gauss_newton_unweighted_exact", weighted=False,
+                label="Gauss–Newton on the base, unweighted, exact inverse",
+            ),
+        )
     ),
-    Method("gauss_newton_exact", "Gauss–Newton on the base, exact inverse", {"method": "base"}),
-    Method("map_exact", "MAP on all, exact inverse", {"method": "map"}),
-    Method("map_position_one_tool", "MAP, position only, one tool", {"method": "map"}, reads="position"),
+    Method("map_exact", label="MAP on all nine, exact inverse"),
+)  # fmt: skip
+DELTA_METHODS = (
+    Method("none", "nominal", label="no calibration"),
+    Method("classical", "classical", "base", label="classical: 9 parameters"),
+    Method("model24", "model24", "base", label="Model 24: perfect parallelograms"),
+    _PAPER,
+    _WEIGHTED,
+    _BASE,
+    Method("map_exact", label="MAP on all, exact inverse"),
+    Method("map_position_one_tool", reads="position", label="MAP, position only, one tool"),
     Method(
-        "map_position_three_tools",
-        "MAP, position only, same poses with three tools",
-        {"method": "map"},
-        reads="position, three tools",
+        "map_position_three_tools", reads="position", label="MAP, position only, same poses with three tools"
     ),
 )
 
@@ -118,23 +116,12 @@ def robot(name: str) -> Robot:
     return robots.load(MODELS / f"{name}.toml")
 
 
-def method(key: str, of: Sequence[Method] = PLANAR_METHODS) -> Method:
-    """The method of that key."""
-    return next(m for m in of if m.key == key)
+def method(name: str, of: Sequence[Method] = PLANAR_METHODS) -> Method:
+    """The method of that name."""
+    return next(m for m in of if m.name == name)
 
 
-def calibrate(nominal: Robot, data: Measurements, how: Method) -> Model:
-    """The model that a method makes of measurements.
-
-    Raises:
-        FitError: the fit did not converge.
-    """
-    if how.fit is None:
-        return Model.nominal(nominal)
-    return identification.fit(data, nominal, **how.fit).model
-
-
-def command(model: Model, targets: np.ndarray, tool: np.ndarray, how: Method) -> np.ndarray:
+def commanded(model: Model, targets: np.ndarray, tool: np.ndarray, how: Method) -> np.ndarray:
     """Actuator values (N, nq) for TCP targets (N, 3) [m]; NaN where there are none."""
     return compensation.compensate(model, targets, tool, method=how.compensation, limits=False).q
 
@@ -147,8 +134,8 @@ def planar_tool(h: float) -> np.ndarray:
     return np.array([0.0, -h, 0.0])
 
 
-def measure_planar(trial: Trial, seed: int) -> tuple[Measurements, Measurements]:
-    """Poses as an instrument sees them, and the x of the TCP alone; the mechanism is its closed form."""
+def measure_planar(trial: Trial, seed: int) -> Measurements:
+    """Poses as an instrument sees them; the mechanism is its closed form."""
     rng = np.random.default_rng(seed)
     pose = closed.forward(robot("planar").mechanism.nominal + trial.errors, trial.q)
     noise = trial.noise * rng.standard_normal((len(trial.q), 3)) * [SIGMA_POS, SIGMA_POS, SIGMA_ROT]
@@ -156,15 +143,10 @@ def measure_planar(trial: Trial, seed: int) -> tuple[Measurements, Measurements]
     position[:, :2] += noise[:, :2]
     turned = rotation.about(np.array([0.0, 0.0, 1.0]), noise[:, 2]) @ pose.R
     position[:, 2] = np.nan  # there is no third axis to measure
-    x_only = np.where([True, False, False], position, np.nan)
-
-    def data(position: np.ndarray, turned: np.ndarray | None) -> Measurements:
-        return Measurements.create(
-            robot("planar"), trial.q[:, None], position, turned, tool=planar_tool(trial.measured),
-            sigma_pos=trial.noise * SIGMA_POS, sigma_rot=trial.noise * SIGMA_ROT,
-        )  # fmt: skip
-
-    return data(position, turned), data(x_only, None)
+    return Measurements.create(
+        robot("planar"), trial.q[:, None], position, turned, tool=planar_tool(trial.measured),
+        sigma_pos=trial.noise * SIGMA_POS, sigma_rot=trial.noise * SIGMA_ROT,
+    )  # fmt: skip
 
 
 def planar_errors(trial: Trial, seed: int) -> Errors:
@@ -173,15 +155,16 @@ def planar_errors(trial: Trial, seed: int) -> Errors:
     true = nominal.mechanism.nominal + trial.errors
     wanted = np.zeros((len(Q_CHECKED), 3))
     wanted[:, 0] = closed.forward_simplified(Q_CHECKED, 0.0, nominal.dimensions["l1"])
-    full, x_only = measure_planar(trial, seed)
-    models: dict[str, Model] = {}  # methods that differ in compensation alone share a fit
+    data = measure_planar(trial, seed)
+    models: dict[Method, Model] = {}  # methods that differ in compensation alone share a fit
     out = {}
     for how in trial.methods:
-        if repr(how.fit) not in models:
-            models[repr(how.fit)] = calibrate(nominal, x_only if how.reads == "x" else full, how)
+        fitted = replace(how, name="", label="", compensation="exact")
+        if fitted not in models:
+            models[fitted] = how.model(data, nominal)
         for h in trial.used:
-            q = command(models[repr(how.fit)], wanted, planar_tool(h), how)[:, 0]
-            out[how.key, h] = closed.forward(true, q).tcp(planar_tool(h))[:, 0] - wanted[:, 0]
+            q = commanded(models[fitted], wanted, planar_tool(h), how)[:, 0]
+            out[how.name, h] = closed.forward(true, q).tcp(planar_tool(h))[:, 0] - wanted[:, 0]
     return out
 
 
@@ -205,7 +188,7 @@ def delta_targets() -> np.ndarray:
 
 
 def delta_errors(sigma: tuple[float, float], seed: int) -> Errors:
-    """Distances between TCP and target; measured once, at the plate's centre (but for `position, three tools`)."""
+    """Distances between TCP and target; measured once and without a tool, but for `map_position_three_tools`."""
     nominal = robot("delta")
     mechanism = nominal.mechanism
     rng = np.random.default_rng(seed)
@@ -227,16 +210,16 @@ def delta_errors(sigma: tuple[float, float], seed: int) -> Errors:
     data = {
         "pose": measure([0.0], True),
         "position": measure([0.0], False),
-        "position, three tools": measure(DELTA_TOOLS, False),
+        "map_position_three_tools": measure(DELTA_TOOLS, False),
     }
     targets = delta_targets()
     out = {}
     for how in DELTA_METHODS:
-        model = calibrate(nominal, data[how.reads], how)
+        model = how.model(data.get(how.name, data[how.reads]), nominal)
         for h in DELTA_TOOLS:
             wanted = targets + delta_tool(h)
-            commands = command(model, wanted, delta_tool(h), how)
-            out[how.key, h] = np.linalg.norm(
+            commands = commanded(model, wanted, delta_tool(h), how)
+            out[how.name, h] = np.linalg.norm(
                 kinematics.forward(mechanism, true, commands).pose.tcp(delta_tool(h)) - wanted, axis=1
             )
     return out

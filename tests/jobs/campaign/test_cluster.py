@@ -15,7 +15,9 @@ from pathlib import Path
 import pytest
 
 from bench.cli import main
-from bench.jobs.campaign import run, spec, store
+from bench.jobs import running, study
+from bench.jobs.campaign import spec
+from bench.jobs.campaign.study import Campaign
 from pcalib.errors import InputError
 
 distributed = pytest.importorskip("distributed")
@@ -61,7 +63,7 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
 
 def test_the_same_bytes_although_a_worker_is_killed(written, tmp_path, cluster):
     campaign = spec.load(written(robots="robots = 40", part_robots="part_robots = 1"))
-    run.run(campaign, tmp_path / "here", 1, inside=True)
+    running.run(Campaign(campaign), tmp_path / "here", 1)
     done = 0
 
     def progress(robots: int) -> None:
@@ -70,7 +72,7 @@ def test_the_same_bytes_although_a_worker_is_killed(written, tmp_path, cluster):
         if done == 5:
             cluster.workers[0].send_signal(signal.SIGKILL)
 
-    outcome = run.run(campaign, tmp_path / "there", scheduler=cluster.address, progress=progress)
+    outcome = running.run(Campaign(campaign), tmp_path / "there", scheduler=cluster.address, progress=progress)
     assert cluster.workers[0].wait() == -signal.SIGKILL and cluster.workers[1].poll() is None
     assert outcome.trials == done == 40
     for name in ("results.parquet", "campaign.json"):
@@ -81,20 +83,20 @@ def test_from_the_command_line(written, tmp_path, cluster, capsys):
     folder = tmp_path / "out"
     assert main(["campaign", str(written()), "-o", str(folder), "--scheduler", cluster.address, "--no-figures"]) == 0
     assert "6 robots in" in capsys.readouterr().out
-    run.run(spec.load(written()), tmp_path / "here", 1, inside=True)
+    running.run(Campaign(spec.load(written())), tmp_path / "here", 1)
     assert (folder / "results.parquet").read_bytes() == (tmp_path / "here" / "results.parquet").read_bytes()
 
 
 def test_workers_with_other_versions_are_refused(written, tmp_path, cluster, monkeypatch):
-    ours = store.versions()
+    ours = study.versions()
     monkeypatch.setattr(distributed.Client, "run", lambda *_a, **_k: {"tcp://there": {**ours, "mujoco": "3.0"}})
     with pytest.raises(InputError, match="worker tcp://there has mujoco 3"):
-        run.run(spec.load(written()), tmp_path / "out", scheduler=cluster.address)
+        running.run(Campaign(spec.load(written())), tmp_path / "out", scheduler=cluster.address)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense"])
 def test_no_scheduler_there(written, tmp_path, capsys, address, monkeypatch):
-    monkeypatch.setattr("bench.jobs.campaign.workers.CONNECT", 0.5)
+    monkeypatch.setattr("bench.jobs.running.CONNECT", 0.5)
     assert main(["campaign", str(written()), "-o", str(tmp_path / "out"), "--scheduler", address]) == 2
     message = capsys.readouterr().err
     assert f"no dask scheduler at {address}" in message and "tcp://HOST:PORT" in message and "Traceback" not in message

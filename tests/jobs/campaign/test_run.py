@@ -10,15 +10,17 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from bench import pool
 from bench.cli import main
-from bench.jobs.campaign import run, spec, store, trial, workers
+from bench.jobs import running, store, study
+from bench.jobs.campaign import spec, trial
+from bench.jobs.campaign.study import Campaign
 from pcalib.errors import InputError
 
 ROOT = Path(__file__).parents[3]
@@ -37,10 +39,10 @@ def begun(spec_file: Path, folder: Path, *options: str) -> subprocess.Popen[byte
 
 
 @pytest.fixture
-def reference(written, tmp_path) -> tuple[spec.Campaign, str]:
+def reference(written, tmp_path) -> tuple[spec.Spec, str]:
     """The small campaign and the digest of its results, done in this process."""
     campaign = spec.load(written())
-    run.run(campaign, tmp_path / "reference", 1, inside=True)
+    running.run(Campaign(campaign), tmp_path / "reference", 1)
     return campaign, digest(tmp_path / "reference")
 
 
@@ -51,7 +53,7 @@ def test_what_a_campaign_leaves(reference, tmp_path):
     table = pq.read_table(folder / "results.parquet")
     assert len(table) == 6 * 2 * 2
     assert table["robot"].to_pylist() == sorted(table["robot"].to_pylist())
-    about = json.loads(table.schema.metadata[store.KEY])
+    about = json.loads(table.schema.metadata[Campaign.SCHEMA[:16].encode()])
     assert about["seed"] == 11 and about["spec"] == json.loads(campaign.source)
     assert {"numpy", "mujoco", "pcalib", "python"} <= set(about["versions"])
     kept = [errors is not None for errors in table["error_um"].to_pylist()]
@@ -62,7 +64,7 @@ def test_what_a_campaign_leaves(reference, tmp_path):
 def test_any_number_of_workers(reference, tmp_path, n_workers):
     campaign, expected = reference
     done: list[int] = []
-    outcome = run.run(campaign, tmp_path / "pool", n_workers, progress=done.append)
+    outcome = running.run(Campaign(campaign), tmp_path / "pool", n_workers, progress=done.append)
     assert digest(tmp_path / "pool") == expected
     assert outcome.trials == sum(done) == 6 and outcome.rate > 0
 
@@ -70,7 +72,7 @@ def test_any_number_of_workers(reference, tmp_path, n_workers):
 def test_killed_at_random_moments(written, tmp_path):
     """SIGKILL, workers included or left behind, again and again; what was finished stays, and the end is the same."""
     spec_file = written(robots="robots = 24", part_robots="part_robots = 1")
-    run.run(spec.load(spec_file), tmp_path / "whole", 1, inside=True)
+    running.run(Campaign(spec.load(spec_file)), tmp_path / "whole", 1)
     folder, rng, kills = tmp_path / "killed", random.Random(7), 0
     parts = folder / "parts"
     for attempt in range(20):
@@ -96,36 +98,73 @@ def test_killed_at_random_moments(written, tmp_path):
     assert sorted(p.name for p in folder.iterdir()) == [".lock", "campaign.json", "results.parquet", "summary.csv"]
 
 
+def broken_off(campaign: spec.Spec, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A campaign killed just before its end; the folder of its parts."""
+    with monkeypatch.context() as patch:
+        patch.setattr(store.Store, "finish", lambda self: [])
+        running.run(Campaign(campaign), folder, 1)
+    return folder / "parts"
+
+
 def test_a_part_cut_short_is_done_anew(reference, tmp_path, monkeypatch):
     campaign, expected = reference
-    folder = tmp_path / "cut"
-    done: list[int] = []
-    monkeypatch.setattr(store.Store, "finish", lambda self: None)  # killed just before the end
-    run.run(campaign, folder, 1, inside=True)
-    part = folder / "parts" / "000001.parquet"
-    part.write_bytes(part.read_bytes()[:-100])
-    (folder / "parts" / "000002.parquet").write_bytes(b"")
-    monkeypatch.undo()
-    run.run(campaign, folder, 1, progress=done.append, inside=True)
-    assert done == [2, 2, 2] and digest(folder) == expected  # one part was there, two are done
+    parts, done = broken_off(campaign, tmp_path / "cut", monkeypatch), []
+    _, second, third = sorted(parts.iterdir())
+    second.write_bytes(second.read_bytes()[:-100])
+    third.write_bytes(b"")
+    running.run(Campaign(campaign), tmp_path / "cut", 1, progress=done.append)
+    assert done == [2, 2, 2] and digest(tmp_path / "cut") == expected  # one part was there, two are done
 
 
-def test_parts_that_were_cut_up_in_another_way_are_done_anew(reference, tmp_path, monkeypatch):
+def test_a_damaged_part_is_named_set_aside_and_done_anew(reference, tmp_path, monkeypatch):
+    """With its beginning and its end whole, so that only reading all of it tells."""
     campaign, expected = reference
-    other = replace(campaign, output=replace(campaign.output, part_robots=3))  # as a version with another default would
-    monkeypatch.setattr(store.Store, "finish", lambda self: None)
-    monkeypatch.setattr(spec, "parse", lambda source: other)
-    run.run(other, tmp_path / "cut", 1, inside=True)
-    monkeypatch.undo()
-    assert len(list((tmp_path / "cut" / "parts").iterdir())) == 2
-    run.run(campaign, tmp_path / "cut", 1, inside=True)
-    assert digest(tmp_path / "cut") == expected
+    parts, said, done = broken_off(campaign, tmp_path / "hurt", monkeypatch), [], []
+    hurt = sorted(parts.iterdir())[1]
+    whole = hurt.read_bytes()
+    hurt.write_bytes(whole[:4] + bytes(len(whole) // 2) + whole[4 + len(whole) // 2 :])
+    running.run(Campaign(campaign), tmp_path / "hurt", 1, progress=done.append, say=said.append)
+    assert done == [6, -2, 2] and digest(tmp_path / "hurt") == expected
+    assert len(said) == 1 and str(hurt) in said[0] and "its trials are done again" in said[0]
+    assert (tmp_path / "hurt" / "damaged" / hurt.name).exists() and not parts.exists()
+
+
+def test_parts_of_another_study_are_not_taken(reference, tmp_path, monkeypatch, written):
+    campaign, expected = reference
+    parts = broken_off(campaign, tmp_path / "mixed", monkeypatch)
+    other = spec.load(written(poses="poses = 20"))
+    (first, *_) = sorted(parts.iterdir())
+    trials = range(0, 2)
+    first.write_bytes(study.encode(Campaign(other), trials, study.rows(Campaign(other), trials)))
+    running.run(Campaign(campaign), tmp_path / "mixed", 1)
+    assert digest(tmp_path / "mixed") == expected
+
+
+def test_damaged_results_are_set_aside_and_done_anew(reference, tmp_path):
+    campaign, expected = reference
+    results, said = tmp_path / "reference" / "results.parquet", []
+    whole = results.read_bytes()
+    results.write_bytes(whole[:4] + bytes(len(whole) // 2) + whole[4 + len(whole) // 2 :])
+    assert running.run(Campaign(campaign), tmp_path / "reference", 1, say=said.append).trials == 6
+    assert len(said) == 1 and str(results) in said[0] and digest(tmp_path / "reference") == expected
+
+
+def test_a_long_campaign_resumes_at_once(written, tmp_path):
+    """A million robots in 100,000 parts: one look at each file, and no part of it is built or read."""
+    campaign = Campaign(spec.load(written(robots="robots = 1000000", part_robots="part_robots = 10")))
+    with store.opened(campaign, tmp_path / "long") as kept:
+        kept.parts.mkdir()
+        for number in range(0, campaign.n_parts, 100):
+            kept.part(campaign.part(number)).write_bytes(store.MAGIC + store.MAGIC)
+        calls = []
+        campaign.columns = lambda: calls.append(1)
+        assert len(kept.missing()) == 99_000 and kept.kept() == 10_000 and not calls
 
 
 def test_a_finished_campaign_is_not_done_again(reference, tmp_path, capsys, written, monkeypatch):
     campaign, expected = reference
-    monkeypatch.setattr(workers, "perform", None)
-    assert run.run(campaign, tmp_path / "reference", 1, inside=True).trials == 0
+    monkeypatch.setattr(study, "perform", None)
+    assert running.run(Campaign(campaign), tmp_path / "reference", 1).trials == 0
     assert main(["campaign", str(written()), "-o", str(tmp_path / "reference"), "--no-figures"]) == 0
     assert "all robots were done before" in capsys.readouterr().out
     assert digest(tmp_path / "reference") == expected
@@ -133,13 +172,10 @@ def test_a_finished_campaign_is_not_done_again(reference, tmp_path, capsys, writ
 
 def test_results_cut_short_are_made_anew_from_the_parts(reference, tmp_path, monkeypatch):
     campaign, expected = reference
-    folder = tmp_path / "merge"
-    monkeypatch.setattr(store.Store, "finish", lambda self: None)
-    run.run(campaign, folder, 1, inside=True)
-    (folder / "results.parquet").write_bytes(b"PAR1 and no more")
-    monkeypatch.undo()
-    run.run(campaign, folder, 1, inside=True)
-    assert digest(folder) == expected
+    broken_off(campaign, tmp_path / "merge", monkeypatch)
+    (tmp_path / "merge" / "results.parquet").write_bytes(b"PAR1 and no more")
+    running.run(Campaign(campaign), tmp_path / "merge", 1)
+    assert digest(tmp_path / "merge") == expected
 
 
 def test_what_a_kill_leaves_while_results_are_made_goes(reference, tmp_path):
@@ -147,7 +183,7 @@ def test_what_a_kill_leaves_while_results_are_made_goes(reference, tmp_path):
     folder = tmp_path / "reference"
     for name in (".results.parquet.a1b2.parquet", ".campaign.json.c3d4.json"):
         (folder / name).write_bytes(b"PAR1 and no more")
-    run.run(campaign, folder, 1, inside=True)
+    running.run(Campaign(campaign), folder, 1)
     assert sorted(p.name for p in folder.iterdir()) == [".lock", "campaign.json", "results.parquet"]
     assert digest(folder) == expected
 
@@ -155,7 +191,7 @@ def test_what_a_kill_leaves_while_results_are_made_goes(reference, tmp_path):
 def test_row_groups_do_not_depend_on_kills(written, tmp_path, monkeypatch):
     monkeypatch.setattr(store, "GROUP_ROWS", 9)
     campaign = spec.load(written())
-    run.run(campaign, tmp_path / "a", 1, inside=True)
+    running.run(Campaign(campaign), tmp_path / "a", 1)
     file = pq.ParquetFile(tmp_path / "a" / "results.parquet")
     assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [16, 8]
 
@@ -171,32 +207,32 @@ def test_another_spec_in_the_folder_is_refused(reference, tmp_path, written, cap
 
 def test_comments_are_no_change(reference, tmp_path, written):
     spec_file = written("# what I was thinking\n" + written.small + "\n# and more\n")
-    assert run.run(spec.load(spec_file), tmp_path / "reference", 1, inside=True).trials == 0
+    assert running.run(Campaign(spec.load(spec_file)), tmp_path / "reference", 1).trials == 0
 
 
 def test_other_versions_are_refused(reference, tmp_path, monkeypatch):
     campaign, _ = reference
-    ours = store.versions()
+    ours = study.versions()
     monkeypatch.setattr(store, "versions", lambda: {**ours, "numpy": "1.0"})
     with pytest.raises(InputError, match=r"versions differ: numpy: \"[\d.]+\" → \"1.0\""):
-        run.run(campaign, tmp_path / "reference", 1, inside=True)
+        running.run(Campaign(campaign), tmp_path / "reference", 1)
 
 
 def test_a_folder_with_other_things_is_left_alone(written, tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").touch()
     with pytest.raises(InputError, match=r"holds other things \(thesis.tex\)"):
-        run.run(spec.load(written()), tmp_path / "home", 1, inside=True)
+        running.run(Campaign(spec.load(written())), tmp_path / "home", 1)
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="cannot be made"):
-        run.run(spec.load(written()), tmp_path / "file", 1, inside=True)
+    with pytest.raises(InputError, match="cannot write here"):
+        running.run(Campaign(spec.load(written())), tmp_path / "file", 1)
 
 
 def test_one_campaign_per_folder(reference, tmp_path):
     campaign, _ = reference
-    with store.opened(campaign, tmp_path / "reference"):
-        with pytest.raises(InputError, match="another campaign is writing"):
-            run.run(campaign, tmp_path / "reference", 1, inside=True)
+    with store.opened(Campaign(campaign), tmp_path / "reference"):
+        with pytest.raises(InputError, match="another run is writing"):
+            running.run(Campaign(campaign), tmp_path / "reference", 1)
 
 
 def test_a_full_disk(written, tmp_path):
@@ -212,8 +248,8 @@ def test_a_full_disk(written, tmp_path):
     assert ended.returncode == 2 and "Traceback" not in ended.stderr
     assert "cannot write" in ended.stderr and "run the same command again" in ended.stderr
     assert not list((tmp_path / "full").rglob("results.parquet"))
-    run.run(spec.load(spec_file), tmp_path / "full", 1, inside=True)
-    run.run(spec.load(spec_file), tmp_path / "whole", 1, inside=True)
+    running.run(Campaign(spec.load(spec_file)), tmp_path / "full", 1)
+    running.run(Campaign(spec.load(spec_file)), tmp_path / "whole", 1)
     assert digest(tmp_path / "full") == digest(tmp_path / "whole")
 
 
@@ -244,33 +280,19 @@ def test_quiet_when_nobody_looks(written, tmp_path):
     assert "robots/s" in out.decode() and "complete" in out.decode()
 
 
-@pytest.mark.parametrize("n_workers", [2])
-def test_a_robot_that_kills_its_process_is_recorded(written, tmp_path, monkeypatch, n_workers):
-    """Through real processes, which find the deadly robot by themselves."""
-    campaign = spec.load(written(robots="robots = 2"))
-    monkeypatch.setenv("DEADLY_ROBOT", "1")
-    monkeypatch.setattr(workers, "DEATHS", 1)
-    monkeypatch.setattr(workers, "perform", deadly)
-    monkeypatch.setattr(workers, "_alone", deadly_alone)
-    run.run(campaign, tmp_path / "out", n_workers)
+def test_a_robot_that_kills_its_process_is_recorded(written, tmp_path, monkeypatch):
+    """The pool tells which part died (tests/bench/test_pool.py), and then which robot of it."""
+    campaign = Campaign(spec.load(written()))
+
+    def deadly(work, tasks, workers):
+        for task in tasks:
+            yield task, pool.DiedError(-9) if 3 in task[2] else work(task)
+
+    monkeypatch.setattr(pool, "unordered", deadly)
+    running.run(campaign, tmp_path / "out", 2)
     table = pq.read_table(tmp_path / "out" / "results.parquet")
-    assert dict(zip(table["robot"].to_pylist(), table["reason"].to_pylist(), strict=True)) == {0: "", 1: workers.DIED}
-    assert len(table) == 8
-
-
-def deadly(source: str, part: int) -> bytes:
-    """A worker's task that dies with one robot."""
-    campaign = spec.parse(source)
-    if int(os.environ["DEADLY_ROBOT"]) in campaign.parts()[part]:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return store.encode(campaign, part, workers.rows(campaign, campaign.parts()[part]))
-
-
-def deadly_alone(source: str, number: int):
-    """The same for a robot alone."""
-    if int(os.environ["DEADLY_ROBOT"]) == number:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return workers.rows(spec.parse(source), [number])
+    told = dict(zip(table["robot"].to_pylist(), table["reason"].to_pylist(), strict=True))
+    assert told == dict.fromkeys(range(6), "") | {3: running.DIED} and len(table) == 24
 
 
 def test_a_campaign_that_gives_nothing_says_so(written, tmp_path, capsys):
@@ -285,5 +307,5 @@ def test_workers_have_one_thread_for_linear_algebra(written, monkeypatch):
     seen = []
     monkeypatch.setattr(trial, "run", lambda *_: seen.extend(pool["num_threads"] for pool in threadpool_info()) or [])
     np.linalg.solve(np.eye(3), np.ones(3))
-    workers.rows(spec.load(written()), [0])
+    study.rows(Campaign(spec.load(written())), [0])
     assert seen and set(seen) == {1}

@@ -7,8 +7,10 @@ import json
 import numpy as np
 import pytest
 
+from bench.cli import main
 from bench.jobs.campaign import spec, sweep
-from bench.jobs.campaign.cell import PRESETS
+from bench.jobs.campaign.study import Campaign
+from bench.jobs.methods import BY_NAME
 from bench.kinds import MODELS
 from pcalib.errors import InputError
 
@@ -18,9 +20,9 @@ HEAD = 'name = "x"\nrobot = "delta"\n'
 def test_defaults_make_a_campaign(written):
     campaign = spec.load(written(HEAD))
     cell = campaign.cell(0)
-    assert campaign.n_trials == campaign.robots == 100 and campaign.points == ({},)
+    assert campaign.n_trials == campaign.robots == 100 and campaign.n_cells == 1 and campaign.point(0) == {}
     assert [m.name for m in cell.methods] == ["classical", "model24", "paper", "complete"]
-    assert cell.plan.kind == "random" and cell.plan.poses == 40
+    assert cell.poses.kind == "random" and cell.poses.poses == 40
     assert np.allclose(cell.verify.tools, [[0, 0, 0], [0, 0, -0.1], [0, 0, -0.3]])
     assert not cell.geometry.sigma.any()
 
@@ -74,10 +76,10 @@ def test_the_source_says_it_all(written, tmp_path):
     for name in ("errors.csv", "plan.csv", "spec.toml"):
         (tmp_path / name).unlink()
     again = spec.parse(campaign.source)
-    listed = again.cell(0).plan.listed
+    listed = again.cell(0).poses.listed
     assert listed is not None and np.degrees(listed["q"][1][0]) == pytest.approx(5)
     assert listed["tool"][0][2] == pytest.approx(-0.1)
-    assert again.fingerprint == campaign.fingerprint
+    assert again.source == campaign.source
     assert json.loads(campaign.source)["robot"]["kind"] == "delta"
 
 
@@ -94,11 +96,11 @@ def test_sweeps_cross_and_go_together(written):
     "method.paper.weighted" = [true, false]
     """
     campaign = spec.load(written(HEAD + text))
-    assert len(campaign.points) == 12 and campaign.n_trials == 1200
+    assert campaign.n_cells == 12 and campaign.n_trials == 1200
     swept = ("plan.poses", "geometry.sigma_length_mm", "instrument.sigma_pos_mm", "method.paper.weighted")
     assert campaign.paths == swept
     last = campaign.cell(11)
-    assert last.plan.poses == 40 and last.geometry.sigma.max() == pytest.approx(5e-4)
+    assert last.poses.poses == 40 and last.geometry.sigma.max() == pytest.approx(5e-4)
     assert last.instrument.values["sigma_pos"] == pytest.approx(1e-4)  # the base's 20 µm made way
     assert [m.weighted for m in last.methods] == [True, True, False, True]
     assert [m.weighted for m in campaign.cell(10).methods] == [True] * 4
@@ -110,8 +112,21 @@ def test_robots_can_be_swept(written):
 
 
 def test_parts_do_not_depend_on_anything_but_the_spec(written):
-    campaign = spec.load(written())
-    assert [list(part) for part in campaign.parts()] == [[0, 1], [2, 3], [4, 5]]
+    campaign = Campaign(spec.load(written(robots="robots = 5")))
+    assert [list(campaign.part(number)) for number in range(campaign.n_parts)] == [[0, 1], [2, 3], [4]]
+
+
+def test_millions_of_combinations_are_read_at_once_and_not_begun_unasked(written, tmp_path, capsys):
+    axes = ("plan.poses", "plan.candidates", "verify.targets", "output.part_robots")[:3]
+    text = "".join(f'[[sweep]]\n"{path}" = {list(range(20, 168))}\n' for path in axes)
+    path = written(written.small + text)
+    campaign = spec.load(path)
+    assert campaign.n_cells == 148**3 and campaign.n_trials == 6 * 148**3
+    assert campaign.point(149) == {"plan.poses": 20, "plan.candidates": 21, "verify.targets": 21}
+    assert main(["campaign", str(path), "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "3,241,792 combinations × 6 robots = 19,450,752 robots: about " in said and "--yes" in said
+    assert not (tmp_path / "out").exists()
 
 
 REFUSED = {
@@ -187,7 +202,7 @@ REFUSED = {
     "robots in the spec": ("[geometry]\nrobots = []", "robots are listed in a file"),
     "absent file": ('[plan]\nfile = "no.csv"', r"\[plan\] file 'no.csv' does not exist"),
     "not TOML": ("[plan", "not valid TOML"),
-    "a date": ("seed = 2006-05-15", "must be|no place"),
+    "a date": ("seed = 2006-05-15", "must be|no dates or times"),
     # sweeps
     "sweep of nothing": ("[[sweep]]", r"\[sweep\[1\]\] is empty"),
     "sweep of no list": ('[[sweep]]\n"plan.poses" = 3', r"\[sweep\[1\]\] 'plan.poses' must be a list of values"),
@@ -264,5 +279,5 @@ def test_sweeps_leave_the_spec_as_it_is():
 
 
 def test_every_preset_is_a_method_of_the_delta(written):
-    text = "".join(f'[[method]]\nname = "{name}"\n' for name in PRESETS)
-    assert len(spec.load(written(HEAD + text)).cell(0).methods) == len(PRESETS)
+    text = "".join(f'[[method]]\nname = "{name}"\n' for name in BY_NAME)
+    assert len(spec.load(written(HEAD + text)).cell(0).methods) == len(BY_NAME)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from bench.jobs.campaign import spec, workers
+from bench.jobs import study
+from bench.jobs.campaign import spec
 from bench.jobs.campaign.regress import load
+from bench.jobs.campaign.study import Campaign
 from bench.kinds import MODELS
 
 SPECS = MODELS.parent / "bench" / "specs"
@@ -17,7 +19,7 @@ def test_every_spec_runs(name):
     campaign = spec.load(path)
     assert campaign.name == name
     assert f"bench/specs/{name}.toml" in path.read_text()  # says how it is run
-    rows = workers.rows(campaign, [campaign.n_trials - 1])
+    rows = study.rows(Campaign(campaign), [campaign.n_trials - 1])
     assert all(row["status"] == "ok" for row in rows), [row["reason"] for row in rows]
 
 
@@ -31,5 +33,5 @@ def test_the_committed_baseline_is_of_the_spec_beside_it():
 def test_the_promise_of_the_thousand():
     campaign = spec.load(SPECS / "thousand.toml")
     cell = campaign.cell(0)
-    assert campaign.n_trials == 1000 and cell.plan.poses == 40 and cell.verify.targets == 200
+    assert campaign.n_trials == 1000 and cell.poses.poses == 40 and cell.verify.targets == 200
     assert len(cell.methods) == 4 and len(cell.verify.tools) == 3

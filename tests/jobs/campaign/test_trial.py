@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.jobs.campaign import spec, trial, workers
+from bench.jobs import methods, study
+from bench.jobs.campaign import spec, trial
+from bench.jobs.campaign.study import Campaign
 from bench.kinds import MODELS
 from bench.machine import Machine
 from pcalib import compensation
@@ -15,7 +17,7 @@ from pcalib.model import Model
 
 
 def rows_of(campaign, number=0):
-    return workers.rows(campaign, [number])
+    return study.rows(Campaign(campaign), [number])
 
 
 def figures(rows, method, tool="0,0,-300mm"):
@@ -56,7 +58,7 @@ def test_a_trial_depends_on_its_number_only(written):
     campaign = spec.load(written())
     alone = rows_of(campaign, 4)
     rows_of(campaign, 1)
-    again = workers.rows(spec.parse(campaign.source), [4])
+    again = study.rows(Campaign.parse(campaign.source), [4])
     for a, b in zip(alone, again, strict=True):
         assert {k: v for k, v in a.items() if k != "error_um"} == {k: v for k, v in b.items() if k != "error_um"}
 
@@ -97,7 +99,7 @@ def test_unexpected_errors_are_recorded_by_name(written, monkeypatch):
         raise ZeroDivisionError("by zero")
 
     campaign = spec.load(written())
-    monkeypatch.setattr(trial.identification, "fit", broken)
+    monkeypatch.setattr(methods.identification, "fit", broken)
     assert figures(rows_of(campaign), "complete")["reason"] == "ZeroDivisionError: by zero"
 
 
@@ -107,7 +109,7 @@ def test_troubles_of_the_computer_are_no_property_of_a_robot(written, monkeypatc
         raise error
 
     campaign = spec.load(written())
-    monkeypatch.setattr(trial.identification, "fit", broken)
+    monkeypatch.setattr(methods.identification, "fit", broken)
     with pytest.raises(type(error)):
         rows_of(campaign)
 
@@ -117,7 +119,7 @@ def test_an_unusable_fit_is_a_failed_row(written, monkeypatch):
         raise FitError("the fit is not usable (not converged): no minimum\nmore lines")
 
     campaign = spec.load(written())
-    monkeypatch.setattr(trial.identification, "fit", refuse)
+    monkeypatch.setattr(methods.identification, "fit", refuse)
     assert figures(rows_of(campaign), "complete")["reason"] == "the fit is not usable (not converged): no minimum"
 
 

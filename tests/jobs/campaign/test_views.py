@@ -9,20 +9,22 @@ import numpy as np
 import pytest
 
 from bench.cli import main
-from bench.jobs.campaign import plots, recording, run, spec, store, summary, trial
+from bench.jobs import running
+from bench.jobs.campaign import plots, recording, spec, summary, trial
+from bench.jobs.campaign.study import Campaign
 
 
 @pytest.fixture
 def found(written, tmp_path):
     """The small campaign with a sweep, done; its summary and results."""
     campaign = spec.load(written(written.small + '[[sweep]]\n"instrument.sigma_pos_mm" = [0.02, 0.03]\n'))
-    outcome = run.run(campaign, tmp_path / "out", 1, inside=True)
+    outcome = running.run(Campaign(campaign), tmp_path / "out", 1)
     return campaign, summary.read(outcome.results), outcome.results
 
 
 def test_figures_of_a_summary(found):
     campaign, told, _ = found
-    assert len(told.groups) == 2 * 2 * 2 and told.failed == 0 and told.paths == ["instrument.sigma_pos_mm"]
+    assert len(told.groups) == 2 * 2 * 2 and told.failed == 0 and told.spec.paths == ("instrument.sigma_pos_mm",)
     rows = [r for i in range(6) for r in trial.run(campaign, i) if r["method"] == "complete" and r["tool"] == "0,0,0mm"]
     (group,) = summary.select(told.groups, cell=0, method="complete", tool="0,0,0mm")
     rms = np.array([r["rms_um"] for r in rows]) * 1e-6
@@ -34,7 +36,7 @@ def test_figures_of_a_summary(found):
 
 def test_failures_are_counted_by_reason(written, tmp_path):
     campaign = spec.load(written(robots="robots = 2", poses="poses = 5"))
-    outcome = run.run(campaign, tmp_path / "out", 1, inside=True)
+    outcome = running.run(Campaign(campaign), tmp_path / "out", 1)
     told = summary.read(outcome.results)
     (reason,) = [r for r in told.reasons if "too few poses" in r and "complete" in r]
     assert told.reasons[reason] == 4
@@ -64,7 +66,7 @@ def test_recordings(found, tmp_path):
     campaign, told, results = found
     (first, second) = recording.write(told, results, tmp_path)
     assert (first.name, second.name) == ("errors-cell0.rrd", "errors-cell1.rrd")
-    maps = recording.gather(told, campaign, results, 0)
+    maps = recording.gather(told, results, 0)
     assert maps is not None and maps.n == 1  # map_robots = 1
     (row,) = [r for r in trial.run(campaign, 0) if r["method"] == "complete" and r["tool"] == "0,0,-300mm"]
     assert np.allclose(maps.percentile[:, 1, 1], np.tile(row["error_um"], (2, 1)) * 1e-6, rtol=1e-6)
@@ -77,7 +79,7 @@ def test_recordings(found, tmp_path):
 
 def test_no_recording_without_errors_kept(written, tmp_path):
     campaign = spec.load(written(map_robots="map_robots = 0", robots="robots = 2"))
-    outcome = run.run(campaign, tmp_path / "out", 1, inside=True)
+    outcome = running.run(Campaign(campaign), tmp_path / "out", 1)
     assert recording.write(summary.read(outcome.results), outcome.results, tmp_path) == []
 
 
@@ -92,7 +94,7 @@ def test_all_of_it_on_the_command_line(written, tmp_path, capsys):
         "plots/tool_length.svg", "results.parquet", "summary.csv",
     ]  # fmt: skip
     content = json.loads(report.read_text())
-    assert content["schema"] == store.SCHEMA and len(content["groups"]) == 4 and content["rate"] > 0
+    assert content["schema"] == Campaign.SCHEMA and len(content["groups"]) == 4 and content["rate"] > 0
     assert {"rms_um", "max_um", "worst_robot", "failed"} <= set(content["groups"][0])
     said = capsys.readouterr().out
     assert "small" in said and re.search(r"model24 +300 .* mm +\d", said) and re.search(r"complete +0 .* µm +\d", said)

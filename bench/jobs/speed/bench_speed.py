@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -18,6 +17,8 @@ from bench.batch import BatchMachine
 from bench.batch import possible as batch_possible
 from bench.faults import Fault
 from bench.instrument import Instrument
+from bench.jobs.speed import timing
+from bench.jobs.speed.timing import Cost, median
 from bench.machine import Machine
 from bench.truth import Truth
 from pcalib import robot as robots
@@ -33,21 +34,6 @@ SEVERAL = ("drive_compliance", "rod_compliance", "arm_bending", "plate_flexing",
 ROWS = 120
 WORKERS = (1, 2, 4)
 TOOL = np.array([0.05, 0.0, -0.1])
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One measured number and what it is held to."""
-
-    name: str
-    value: float
-    unit: str
-    bound: float | None = None
-
-    @property
-    def holds(self) -> bool:
-        """Whether it keeps its bound."""
-        return self.bound is None or self.value <= self.bound
 
 
 def command(
@@ -69,74 +55,53 @@ def command(
     runs, rows = (2, 24) if quick else (repeats, ROWS)
     others = [] if quick else [robots.load(file) for file in sorted(kinds.MODELS.glob("*.toml"))]
     others = [other for other in others if other.kind != main_robot.kind]
-    found: list[Figure] = []
-    steps = 4 + len(others)
-    with frame.progress("timing", steps) as advance:
-        for part in (
-            lambda: rigid(main_robot, rows, runs),
-            lambda: equilibrium(main_robot, rows, runs),
-            *((lambda other=other: family(other, rows, runs)) for other in others),
-            lambda: data_sets(main_robot, rows, runs),
-        ):
-            found += part()
-            advance()
-        same = bytes_agree(main_robot, simulate.CHUNK + 1 if quick else 300)
-        advance()
-    frame.show_table(
-        ["what", "figure", "bound", ""],
-        [
-            [f.name, f"{f.value:.3g} {f.unit}", "" if f.bound is None else f"{f.bound:g} {f.unit}",
-             "" if f.bound is None else "ok" if f.holds else "missed"]
-            for f in found
-        ],
-        title=f"{main_robot.name}: median of {runs} runs, {rows} poses",
-    )  # fmt: skip
+    parts: list[timing.Part] = [
+        lambda: rigid(main_robot, rows, runs),
+        lambda: equilibrium(main_robot, rows, runs),
+        *((lambda other=other: family(other, rows, runs)) for other in others),
+        lambda: data_sets(main_robot, rows, runs),
+    ]
+    found = timing.gather(parts, f"{main_robot.name}: median of {runs} runs, {rows} poses")
+    same = bytes_agree(main_robot, simulate.CHUNK + 1 if quick else 300)
     workers = ", ".join(map(str, WORKERS))
     frame.say(f"same seed, {workers} workers: {'the same bytes' if same else 'DIFFERENT BYTES'}")
-    frame.write_json(
-        json,
-        {
-            "schema": "pcbench.speed/1",
-            "figures": [{"name": f.name, "value": f.value, "unit": f.unit, "bound": f.bound} for f in found],
-            "same_bytes": same,
-        },
-    )
-    return frame.OK if same and all(f.holds for f in found) else frame.NOT_HELD
+    frame.write_json(json, {"schema": "pcbench.speed/1", "figures": timing.as_json(found), "same_bytes": same})
+    return frame.OK if same and all(cost.holds for cost in found) else frame.NOT_HELD
 
 
-def rigid(robot: Robot, rows: int, runs: int) -> list[Figure]:
+def rigid(robot: Robot, rows: int, runs: int) -> list[Cost]:
     """Microseconds per pose of a rigid robot, each from home."""
     q = plans.make(robot, "random", rows).commands.q
     out = []
     for variant in kinds.get(robot.kind).variants:
         machine = Machine(robot, variant=variant)
         per_pose = 1e6 * median(lambda machine=machine: machine.land(q, TOOL), runs) / rows
-        out.append(Figure(f"rigid pose, {variant}", per_pose, "µs", RIGID_US))
+        out.append(Cost(f"rigid pose, {variant}", per_pose, "µs", RIGID_US))
     if batch_possible(robot):
         many, wide = BatchMachine(robot), np.resize(q, (10 * rows, q.shape[1]))
         per_pose = 1e6 * median(lambda: many.land(wide, TOOL), runs) / len(wide)
-        out.append(Figure("rigid pose, in batches", per_pose, "µs", RIGID_US))
+        out.append(Cost("rigid pose, in batches", per_pose, "µs", RIGID_US))
     return out
 
 
-def equilibrium(robot: Robot, rows: int, runs: int) -> list[Figure]:
+def equilibrium(robot: Robot, rows: int, runs: int) -> list[Cost]:
     """Milliseconds per pose of robots that give way, on a rich plan."""
     cases = {
         "equilibrium, one spring per drive": suited(robot, ("drive_compliance",)),
         f"equilibrium, {len(suited(robot, SEVERAL))} compliances": suited(robot, SEVERAL),
         f"equilibrium, all {len(suited(robot))} faults": suited(robot),
     }
-    return [Figure(name, at_rest(robot, made, rows, runs), "ms", REST_MS) for name, made in cases.items()]
+    return [Cost(name, at_rest(robot, made, rows, runs), "ms", REST_MS) for name, made in cases.items()]
 
 
-def family(robot: Robot, rows: int, runs: int) -> list[Figure]:
+def family(robot: Robot, rows: int, runs: int) -> list[Cost]:
     """A rigid pose and one with all faults, of another kind."""
     q = plans.make(robot, "random", rows).commands.q
     machine = Machine(robot)
     everything = suited(robot)
     return [
-        Figure(f"{robot.name}: rigid pose", 1e6 * median(lambda: machine.land(q, TOOL), runs) / rows, "µs", RIGID_US),
-        Figure(f"{robot.name}: all {len(everything)} faults", at_rest(robot, everything, rows, runs), "ms", REST_MS),
+        Cost(f"{robot.name}: rigid pose", 1e6 * median(lambda: machine.land(q, TOOL), runs) / rows, "µs", RIGID_US),
+        Cost(f"{robot.name}: all {len(everything)} faults", at_rest(robot, everything, rows, runs), "ms", REST_MS),
     ]
 
 
@@ -147,17 +112,17 @@ def at_rest(robot: Robot, present: tuple[Fault, ...], rows: int, runs: int) -> f
     return 1e3 * median(lambda: machine.run(commands), runs) / rows
 
 
-def data_sets(robot: Robot, rows: int, runs: int) -> list[Figure]:
+def data_sets(robot: Robot, rows: int, runs: int) -> list[Cost]:
     """Seconds from truth to measurements, the plan and the compilation of the model included."""
     out = []
     for name, present in (("one fault", suited(robot, ("drive_compliance",))), ("all faults", suited(robot))):
         truth = hidden(robot, present)
         seconds = median(lambda truth=truth: measure(truth, rows, 1), runs)
-        out.append(Figure(f"rich data set of {rows}, {name}", seconds, "s", DATA_S))
+        out.append(Cost(f"rich data set of {rows}, {name}", seconds, "s", DATA_S))
         if len(present) > 1:
             measure(truth, rows, 2)  # processes start once
             shared = median(lambda truth=truth: measure(truth, rows, 2), runs, time.perf_counter)
-            out.append(Figure(f"rich data set of {rows}, {name}, 2 running workers", shared, "s", DATA_S))
+            out.append(Cost(f"rich data set of {rows}, {name}, 2 running workers", shared, "s", DATA_S))
     return out
 
 
@@ -195,16 +160,6 @@ def suited(robot: Robot, names: Sequence[str] = ()) -> tuple[Fault, ...]:
             continue
         out.append(fault)
     return tuple(out)
-
-
-def median(work: Callable[[], object], runs: int, clock: Callable[[], float] = time.process_time) -> float:
-    """Seconds that some work takes; of this process alone, unless the clock is that on the wall."""
-    taken = []
-    for _ in range(runs):
-        begun = clock()
-        work()
-        taken.append(clock() - begun)
-    return float(np.median(taken))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

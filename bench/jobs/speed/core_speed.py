@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json as json_text
 import resource
 import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -16,10 +17,11 @@ import numpy as np
 from cyclopts import Parameter
 
 from bench import kinds
-from bench.batch import BatchMachine
-from bench.jobs import peer_sysid
-from bench.jobs.accuracy import Conditions, draw, measure, random_poses
-from bench.jobs.bench_speed import median
+from bench import truth as truths
+from bench.jobs.campaign import spec as specs
+from bench.jobs.campaign import trial
+from bench.jobs.speed import peer_sysid, timing
+from bench.jobs.speed.timing import Cost, median
 from pcalib import compensation
 from pcalib import robot as robots
 from pcalib.cli import frame
@@ -33,7 +35,7 @@ from pcalib.model import Model
 from pcalib.robot import Robot
 from pcalib.workspace import reachable
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 FIT_MS, FORWARD_US, EXACT_US, FIRST_US, IMPORT_S, HELP_S = 10.0, 8.0, 12.0, 3.0, 0.25, 0.5
 CLOSURE_TIMES, SETTLING_TIMES = 30.0, 1000.0
 READING_TIMES, DIAGNOSIS_TIMES = 200.0, 100.0
@@ -44,31 +46,6 @@ ROBOTS = 7
 """Random robots over which the fit is timed: it takes two to five steps."""
 QUICK_POSES = 12
 TOOL = np.array([0.0, 0.0, -0.3])
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One measured number and what it is held to."""
-
-    name: str
-    value: float
-    unit: str
-    bound: float | None = None
-    at_least: bool = False
-
-    @property
-    def holds(self) -> bool:
-        """Whether it keeps its bound."""
-        if self.bound is None:
-            return True
-        return self.value >= self.bound if self.at_least else self.value <= self.bound
-
-    @property
-    def promise(self) -> str:
-        """The bound in words."""
-        if self.bound is None:
-            return ""
-        return f"{'≥' if self.at_least else '≤'} {self.bound:g} {self.unit}"
 
 
 def command(
@@ -96,8 +73,7 @@ def command(
     if main_robot.kind != "delta":
         raise InputError(f"robot '{main_robot.name}' is no delta")
     runs, targets = (min(repeats, 3), 10_000) if quick else (repeats, TARGETS)
-    found: list[Figure] = []
-    parts: list[Callable[[], list[Figure]]] = [
+    parts: list[timing.Part] = [
         lambda: fits(main_robot, runs),
         lambda: kinematic(main_robot, targets, min(runs, 5)),
         lambda: start_up(min(runs, 7)),
@@ -106,56 +82,39 @@ def command(
     why = peer_sysid.missing() if peers else "left out"
     if not why:
         parts.append(lambda: toolbox(main_robot, QUICK_POSES if quick else POSES, runs))
-    with frame.progress("timing", len(parts)) as advance:
-        for part in parts:
-            found += part()
-            advance()
-    frame.show_table(
-        ["what", "figure", "bound", ""],
-        [
-            [f.name, f"{f.value:.3g} {f.unit}", f.promise, "" if f.bound is None else "ok" if f.holds else "missed"]
-            for f in found
-        ],
-        title=f"{main_robot.name}: processor time of one thread, median of {runs} runs",
-    )
+    found = timing.gather(parts, f"{main_robot.name}: processor time of one thread, median of {runs} runs")
     if why:
         frame.say(f"mujoco.sysid: {why}.")
-    frame.write_json(
-        json,
-        {
-            "schema": "pcbench.core_speed/1",
-            "figures": [asdict(f) | {"holds": f.holds} for f in found],
-            "quick": quick,
-        },
-    )
-    return frame.OK if all(f.holds for f in found) else frame.NOT_HELD
+    frame.write_json(json, {"schema": "pcbench.core_speed/1", "figures": timing.as_json(found), "quick": quick})
+    return frame.OK if all(cost.holds for cost in found) else frame.NOT_HELD
 
 
 def data_sets(robot: Robot, poses: int, count: int) -> list[Measurements]:
     """Noisy full poses of random robots, by MuJoCo."""
-    machine, conditions, out = BatchMachine(robot), Conditions(poses=poses), []
-    for n in range(count):
-        rng = np.random.default_rng([1, n])
-        machine.become(draw(robot, conditions, rng))
-        out.append(measure(machine, conditions, *random_poses(robot, conditions, rng), rng))
-    return out
+    about = {
+        "name": "speed", "robot": tomllib.loads(robot.text), "robots": count, "seed": 1,
+        "geometry": {"sigma_length_mm": 0.1, "sigma_angle_deg": 0.05}, "plan": {"kind": "joint", "poses": poses},
+    }  # fmt: skip
+    spec = specs.parse(json_text.dumps(about))
+    return [trial.measured(spec, number).data for number in range(count)]
 
 
-def fits(robot: Robot, runs: int) -> list[Figure]:
+def fits(robot: Robot, runs: int) -> list[Cost]:
     """Milliseconds per identification of all 60 parameters from 60 full poses, covariance and verdict included."""
     sets = data_sets(robot, POSES, ROBOTS)
     taken = [median(lambda data=data: identification.fit(data, robot), runs) for data in sets]
     taken = 1e3 * np.array(taken)
     return [
-        Figure(f"identification, {POSES} full poses", float(np.median(taken)), "ms", FIT_MS),
-        Figure(f"the slowest of {ROBOTS} robots", float(taken.max()), "ms"),
+        Cost(f"identification, {POSES} full poses", float(np.median(taken)), "ms", FIT_MS),
+        Cost(f"the slowest of {ROBOTS} robots", float(taken.max()), "ms"),
     ]
 
 
-def kinematic(robot: Robot, targets: int, runs: int) -> list[Figure]:
+def kinematic(robot: Robot, targets: int, runs: int) -> list[Cost]:
     """Microseconds per pose of forward kinematics and compensation of an imperfect robot with a 300 mm tool."""
     mechanism = robot.mechanism
-    model = Model.nominal(robot).with_geometry(draw(robot, Conditions(), np.random.default_rng(2)))
+    errors = truths.draw_errors(robot, 1e-4, np.radians(0.05), seed=2)
+    model = Model.nominal(robot).with_geometry(mechanism.nominal + errors)
     q = reachable(robot, targets, np.random.default_rng(3)).q
     wanted = kinematics.forward(mechanism, model.k, q).pose.tcp(TOOL)
 
@@ -167,13 +126,13 @@ def kinematic(robot: Robot, targets: int, runs: int) -> list[Figure]:
 
     forward = per_pose(lambda: kinematics.forward(mechanism, model.k, q))
     return [
-        Figure(f"forward kinematics, {targets} poses", forward, "µs", FORWARD_US),
-        Figure("exact compensation", per_pose(compensate("exact")), "µs", EXACT_US),
-        Figure("first-order compensation", per_pose(compensate("first-order")), "µs", FIRST_US),
+        Cost(f"forward kinematics, {targets} poses", forward, "µs", FORWARD_US),
+        Cost("exact compensation", per_pose(compensate("exact")), "µs", EXACT_US),
+        Cost("first-order compensation", per_pose(compensate("first-order")), "µs", FIRST_US),
     ]
 
 
-def start_up(runs: int) -> list[Figure]:
+def start_up(runs: int) -> list[Cost]:
     """Seconds until Python has imported the package, and until the program has printed its help."""
 
     def seconds(*arguments: str) -> float:
@@ -187,12 +146,12 @@ def start_up(runs: int) -> list[Figure]:
         return float(np.median([seconds(*arguments) for _ in range(runs)]))
 
     return [
-        Figure("import pcalib, python included", middle("-c", "import pcalib"), "s", IMPORT_S),
-        Figure("pcalib --help", middle("-m", "pcalib", "--help"), "s", HELP_S),
+        Cost("import pcalib, python included", middle("-c", "import pcalib"), "s", IMPORT_S),
+        Cost("pcalib --help", middle("-m", "pcalib", "--help"), "s", HELP_S),
     ]
 
 
-def by_the_fit(robot: Robot, rows: int, runs: int) -> list[Figure]:
+def by_the_fit(robot: Robot, rows: int, runs: int) -> list[Cost]:
     """How many times as long as an identification it takes to read a large file, and to diagnose 120 poses."""
     (data,) = data_sets(robot, 120, 1)
     model = identification.fit(data, robot).model
@@ -203,12 +162,12 @@ def by_the_fit(robot: Robot, rows: int, runs: int) -> list[Figure]:
         reading = median(lambda: measurement.load(path, robot), runs)
     diagnosing = median(lambda: diagnose(model, data), runs)
     return [
-        Figure(f"reading {rows} rows, by the time of an identification", reading / reference, "times", READING_TIMES),
-        Figure("diagnosis of 120 poses, by the same", diagnosing / reference, "times", DIAGNOSIS_TIMES),
+        Cost(f"reading {rows} rows, by the time of an identification", reading / reference, "times", READING_TIMES),
+        Cost("diagnosis of 120 poses, by the same", diagnosing / reference, "times", DIAGNOSIS_TIMES),
     ]
 
 
-def toolbox(robot: Robot, poses: int, runs: int) -> list[Figure]:
+def toolbox(robot: Robot, poses: int, runs: int) -> list[Cost]:
     """How many times as long mujoco.sysid takes for the same unknowns, priors, data and answer.
 
     Its fits and ours take turns, so that what slows the machine for a while slows both.
@@ -230,9 +189,9 @@ def toolbox(robot: Robot, poses: int, runs: int) -> list[Figure]:
             taken.append(time.process_time() - begun)
             once.append(median(lambda: identification.fit(data, robot), 5))
         ratio = float(np.median(taken) / np.median(once))
-        out.append(Figure(f"mujoco.sysid {name}, {poses} poses", ratio, "times", bound, at_least=True))
-        out.append(Figure("  which takes", float(np.median(taken)), "s"))
-        out.append(Figure("  and differs from pcalib by", 1e6 * apart(robot, own, found[-1].k), "µm RMS"))
+        out.append(Cost(f"mujoco.sysid {name}, {poses} poses", ratio, "times", bound, at_least=True))
+        out.append(Cost("  which takes", float(np.median(taken)), "s"))
+        out.append(Cost("  and differs from pcalib by", 1e6 * apart(robot, own, found[-1].k), "µm RMS"))
     return out
 
 
