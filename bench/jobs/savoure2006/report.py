@@ -5,20 +5,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import pyarrow.parquet as pq
-from cyclopts import Parameter
 
 from bench.jobs import running
 from bench.jobs.methods import Method
 from bench.jobs.savoure2006 import figures, study, trial
+from pcalib import files
 from pcalib.cli import frame
 from pcalib.errors import InputError
 
 
 def command(
-    *, seeds: int = 200, out: Annotated[Path, Parameter(validator=frame.folder_place)] = Path("out/savoure2006"),
+    *, seeds: int = 200, out: Path = Path("out/savoure2006"),
     json: frame.JsonOption = None, robots: int = 20, workers: int | None = None, quick: bool = False,
 ) -> int:  # fmt: skip
     """Repeat the numerical study of Savoure et al. (ICRA 2006), and go on from there.
@@ -39,6 +38,8 @@ def command(
     for name, value in (("--seeds", seeds), ("--robots", robots), ("--workers", workers)):
         if value is not None and value < 1:
             raise InputError(f"{name} {value} must be at least 1")
+    files.check_folder(out)
+    files.check_places(json)
     asked = study.Savoure(seeds, robots, quick)
     with frame.progress("seeds and robots", asked.n_trials) as advance:
         outcome = running.run(asked, out / "results", workers, progress=advance, say=frame.say, renew=True)
