@@ -78,7 +78,7 @@ def misread(kind: str, seed: int = 0, every: int = 1) -> Iterator[Trial]:
         found = mixups.judge(written, drawn)
         here = found.distance
         visible = here is None or not here.near or here.cost > mixups.OFF**2 * here.readings
-        said = "; ".join(words for _, words, _ in (*found.readings, *found.numbers)) or "nothing"
+        said = "; ".join(words for _, words, *_ in (*found.readings, *found.numbers)) or "nothing"
         yield Trial(kind, entry, visible, any(words == entry.words for _, words, _ in found.readings), said)
 
 

@@ -3,7 +3,7 @@
 
 An entry has two directions. `mend` reads the columns the other way and gives measurements and robot as they should
 have been; `spoil` is its inverse, and makes of right ones what a user with that mistake would have written. The
-search (:mod:`pcalib.data.mixups`) uses the first, the tests the second. A new mistake is a new line of :func:`table`.
+search (:mod:`pcalib.fitting.mixups`) uses the first, the tests the second. A new mistake is a new line of :func:`table`.
 """
 
 from __future__ import annotations

@@ -72,9 +72,14 @@ class Distance:
         return self.misfit + self.prior
 
     @property
+    def fits(self) -> bool:
+        """Whether nothing large is left, however far parameters had to go."""
+        return not (self.rms_pos > LEFT or self.rms_rot > LEFT_TURN)
+
+    @property
     def near(self) -> bool:
         """Whether no parameter has to go far from the drawing, and nothing large is left."""
-        return self.tolerances < FAR and not (self.rms_pos > LEFT or self.rms_rot > LEFT_TURN)
+        return self.tolerances < FAR and self.fits
 
 
 def some_rows(data: Measurements, most: int = ROWS) -> Measurements:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,8 @@ less on most machines, and a reading must bring the data home to be named in any
 SMALL = 0.3
 """Residuals over their σ below which on the values themselves are doubted: no σ is stated three times too large, and
 values in a unit fifty times too large are."""
+ABSURD = 100.0
+"""Manufacturing tolerances (10 mm, 5°, 10 %) from which on a number is that of another robot, or of a mistake."""
 _ROUGH = 0.06
 """Share of the robot's size, and 5 times LARGE_TURN, beyond which the nominal robot is not near under a reading."""
 
@@ -80,8 +83,8 @@ class Judgement:
     """Of the data as they are read; None where no quick fit is possible."""
     readings: tuple[tuple[str, str, str], ...] = ()
     """(code, words, edit) of what brings the data home, best first."""
-    numbers: tuple[tuple[str, str, str], ...] = ()
-    """The same of single numbers that are far from the drawing."""
+    numbers: tuple[tuple[str, str, str, float], ...] = ()
+    """The same of single numbers that are far from the drawing, and by how many manufacturing tolerances."""
     frame: bool = False
     """Whether the data come home once the measuring frame is unknown: '# frame = tracker'."""
     tried: bool = False
@@ -90,12 +93,27 @@ class Judgement:
     @property
     def far(self) -> bool:
         """Whether the data are far from the drawing as they are read."""
-        return self.distance is None or not self.distance.near
+        return self.tried and (self.distance is None or not self.distance.near)
+
+    @property
+    def absurd(self) -> bool:
+        """Whether no calibration should be made of them without being asked for: misread, unexplained, or so far."""
+        named = min((size for *_, size in self.numbers), default=None)
+        if named is not None:
+            return named > ABSURD
+        here = self.distance
+        return bool(self.readings) or (self.far and (here is None or not here.fits or here.tolerances > ABSURD))
+
+    def to_json(self) -> dict[str, Any]:
+        """For the JSON of commands."""
+        every = (*self.readings, *self.numbers)
+        named = [{"code": code, "words": words, "edit": edit} for code, words, edit, *_ in every]
+        return {"far": self.far, "tolerances": self.distance and self.distance.tolerances, "named": named}
 
     @property
     def codes(self) -> frozenset[str]:
         """Codes of all that is named."""
-        return frozenset(code for code, *_ in (*self.readings, *self.numbers))
+        return frozenset([code for code, *_ in self.readings] + [code for code, *_ in self.numbers])
 
 
 SHOWN = 3
@@ -104,27 +122,27 @@ SHOWN = 3
 
 def sentence(found: Judgement, nominal: Nominal) -> str:
     """What a judgement says of the data, for a message; '' where there is nothing to say."""
-    away = f" ({nominal.distance} from the robot as drawn)" if nominal.far and nominal.distance else ""
+    away = nominal.distance if nominal.far else ""
     if found.readings:
-        words = [words for _, words, _ in found.readings[:SHOWN]]
-        more = len(found.readings) - len(words)
-        return (
-            f"The data fit this robot{away and ', from which they are far as they stand,'} where "
-            + ", or where ".join(words)
-            + (f" ({more} more readings explain them alike)" if more else "")
-        )
+        said = ", or where ".join(words for _, words, _ in found.readings[:SHOWN])
+        if len(found.readings) > SHOWN:
+            said += f" ({len(found.readings) - SHOWN} more readings explain them alike)"
+        if away:
+            return f"The data are {away} from the robot as drawn, and fit it where {said}"
+        return f"The data fit the robot as drawn where {said}, and not as they stand"
+    beside = f" ({away} as they stand)" if away else ""
     if found.numbers:
-        return f"Far from the drawing{away}: " + ", or ".join(words for _, words, _ in found.numbers[:SHOWN])
+        return f"Far from the drawing{beside}: " + ", or ".join(words for _, words, *_ in found.numbers[:SHOWN])
     if found.frame:
-        return f"The data fit this robot{away} once the measuring frame is unknown"
+        return f"The data fit the robot as drawn once the measuring frame is unknown{beside}"
     if found.far:
-        return f"The data are far from the drawing{away}, and no reading of the columns explains it"
+        return f"Far from the drawing{beside}, and no reading of the columns explains it"
     return ""
 
 
 def remedy(found: Judgement) -> str:
     """The edit that mends it."""
-    edits = [edit for *_, edit in (found.readings or found.numbers)[:SHOWN]]
+    edits = [edit for _, _, edit, *_ in (found.readings or found.numbers)[:SHOWN]]
     if edits:
         return ", or ".join(dict.fromkeys(edits))
     if found.frame:
@@ -253,7 +271,7 @@ class _Number:
     change: drawing.Change
 
 
-def _numbers(data: Measurements, robot: Robot, here: Distance | None) -> Iterator[tuple[str, str, str]]:
+def _numbers(data: Measurements, robot: Robot, here: Distance | None) -> Iterator[tuple[str, str, str, float]]:
     """Single numbers that are far from the drawing and whose change brings the data home, best first."""
     found = []
     for number in _candidates(data, robot):
@@ -265,11 +283,11 @@ def _numbers(data: Measurements, robot: Robot, here: Distance | None) -> Iterato
         if there is None or not there.near or tolerances.max() < FAR:
             continue
         if here is None or here.cost - there.cost > ALIKE:
-            found.append((there.cost + ALIKE * len(alpha), number, alpha))
+            found.append((there.cost + ALIKE * len(alpha), number, alpha, float(tolerances.max())))
     best = min((cost for cost, *_ in found), default=0.0)
-    for cost, number, alpha in sorted(found, key=lambda f: f[0]):
+    for cost, number, alpha, size in sorted(found, key=lambda f: f[0]):
         if cost < best + ALIKE:
-            yield number.code, number.words(alpha), number.edit(alpha)
+            yield number.code, number.words(alpha), number.edit(alpha), size
 
 
 def _candidates(data: Measurements, robot: Robot) -> Iterator[_Number]:
@@ -278,22 +296,22 @@ def _candidates(data: Measurements, robot: Robot) -> Iterator[_Number]:
     for i, name in enumerate(data.actuators):
         one = np.arange(n) == i
         yield _Number(
-            "drive_zero", lambda a, i=i: f"the zero of drive {i + 1} is off by {_signed(a[0], unit)}",
+            "drive_zero", lambda a, name=name: f"the zero of motor {name} is off by {_signed(a[0], unit)}",
             lambda a, name=name: f"home it anew, or add {_signed(a[0], unit)} to {name}", (unit,),
             lambda d, r, a, one=one: (replace(d, q=d.q + a[0] * one), r),
         )  # fmt: skip
         yield _Number(
-            "drive_scale", lambda a, i=i: f"drive {i + 1} moves {1 + a[0]:.5g} times as far as commanded",
+            "drive_scale", lambda a, name=name: f"motor {name} moves {1 + a[0]:.5g} times as far as commanded",
             lambda a, name=name: f"multiply {name} by {1 + a[0]:.5g}, or check its steps per turn", ("1",),
             lambda d, r, a, one=one: (replace(d, q=d.q * (1 + a[0] * one)), r),
         )  # fmt: skip
     yield _Number(
-        "drive_zero", lambda a: f"the zeros of all drives are off by {_signed(a[0], unit)}",
+        "drive_zero", lambda a: f"the zeros of all motors are off by {_signed(a[0], unit)}",
         lambda a: f"add {_signed(a[0], unit)} to every command", (unit,),
         lambda d, r, a: (replace(d, q=d.q + a[0]), r),
     )  # fmt: skip
     yield _Number(
-        "drive_scale", lambda a: f"all drives move {1 + a[0]:.5g} times as far as commanded",
+        "drive_scale", lambda a: f"all motors move {1 + a[0]:.5g} times as far as commanded",
         lambda a: f"multiply every command by {1 + a[0]:.5g}, or check the unit", ("1",),
         lambda d, r, a: (replace(d, q=d.q * (1 + a[0])), r),
     )  # fmt: skip

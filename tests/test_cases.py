@@ -1,0 +1,96 @@
+"""Files of other people that were misread in silence, each with its right answer: tests/cases."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcalib import cli, modelfile
+from pcalib import robot as robots
+from pcalib.data import measurement
+from pcalib.fitting import identification, mixups
+from pcalib.robot import Robot
+
+CASES = Path(__file__).parent / "cases"
+MISREAD = {
+    ("own_delta", "robot", "rot_rad_mislabelled"): "the rotation is in radians, not degrees",
+    ("delta_rotation_in_radians", "delta", "data"): "the rotation is in radians, not degrees",
+    ("own_delta", "robot", "qneg"): "q1, q2, q3 have the wrong sign",
+    ("euler_angles", "hexa", "hexa_xyz"): "rx, ry, rz are Euler angles (xyz,",
+    ("euler_angles", "hexapod", "hexapod_xyz"): "rx, ry, rz are Euler angles (xyz,",
+    ("euler_angles", "hexapod", "hexapod_zyx"): "rx, ry, rz are Euler angles (zyx,",
+    ("inspect_silent", "delta", "delta_tool_z_sign"): "tool_z has the wrong sign",
+    ("inspect_silent", "hexapod", "rx_ry_swapped"): "rx is what stands in ry, ry is what stands in rx",
+    ("inspect_silent", "hexapod", "legs_shifted_by_one"): "q1 … q6 are those of drives q2, q3, q4, q5, q6, q1",
+    ("inspect_silent", "delta_arm_rod_swapped", "delta_ok"): "arm length and rod length are exchanged",
+    ("inspect_silent", "delta_base_plate_swapped", "delta_ok"): "base radius and plate radius are exchanged",
+    ("leg_scale_absurd", "hexapod", "leg4_reversed"): "q4 has the wrong sign",
+    ("leg_scale_absurd", "hexapod", "legs_in_cm"): "q1 … q6 are in cm, not mm",
+}  # fmt: skip
+
+
+def files(case: tuple[str, str, str]) -> tuple[Path, Path]:
+    folder, robot, data = case
+    return CASES / folder / f"{data}.csv", CASES / folder / f"{robot}.toml"
+
+
+@pytest.mark.parametrize("case", MISREAD, ids="-".join)
+def test_what_was_misread_is_named_and_not_fitted(case, tmp_path, monkeypatch, capfd):
+    data, robot = files(case)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "300")
+    assert cli.main(["inspect", str(data), "--robot", str(robot), "--json", "found.json"]) == 2
+    first = json.loads(Path("found.json").read_text())["findings"][0]
+    assert first["level"] == "error" and MISREAD[case] in first["message"].replace("the robot file's ", "")
+    assert cli.main(["fit", str(data), "--robot", str(robot), "-o", "m.toml"]) == 2
+    assert MISREAD[case] in capfd.readouterr().err.replace("the robot file's ", "") and not Path("m.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("folder", "robot", "data", "line", "rms"),
+    [
+        ("euler_angles", "hexa", "hexa_xyz", "# euler = xyz", 34e-6),
+        ("euler_angles", "hexapod", "hexapod_xyz", "# euler = xyz", 34e-6),
+        ("euler_angles", "hexapod", "hexapod_zyx", "# euler = zyx", 34e-6),
+    ],
+)
+def test_the_edit_that_is_named_mends_the_file(folder, robot, data, line, rms, tmp_path):
+    source, drawn = files((folder, robot, data))
+    mended = tmp_path / "mended.csv"
+    mended.write_text(f"{line}\n{source.read_text()}")
+    loaded = robots.load(drawn)
+    found = identification.fit(measurement.load(mended, loaded), loaded)
+    assert found.accuracy.rms_pos == pytest.approx(rms, rel=0.1) and found.accuracy.at_the_noise
+
+
+def test_a_motor_homed_two_degrees_off_is_one_number_in_words(tmp_path, capfd, monkeypatch):
+    data, robot = files(("own_delta", "robot", "home_off_2deg"))
+    monkeypatch.setenv("COLUMNS", "300")
+    assert cli.main(["fit", str(data), "--robot", str(robot), "-o", str(tmp_path / "m.toml")]) == 0
+    said = capfd.readouterr().out
+    assert said.startswith("Far from the drawing") and "the zero of motor q2 is off by −2.00°" in said.splitlines()[0]
+
+
+def test_the_robot_file_of_another_robot_writes_no_model_unless_asked(tmp_path, capfd, monkeypatch):
+    data, robot = files(("own_delta", "robot", "plain"))
+    other = tmp_path / "other.toml"
+    other.write_text(robot.read_text().replace("arm_length_mm = 200", "arm_length_mm = 350"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "300")
+    fit = ["fit", str(data), "--robot", "other.toml", "-o", "m.toml", "--json", "fit.json"]
+    assert cli.main(fit) == 2 and not Path("m.toml").exists()
+    assert "arm length is 150" in capfd.readouterr().err and json.loads(Path("fit.json").read_text())["status"] == "far"
+    assert cli.main([*fit, "--far"]) == 0
+    assert "is this the robot file of this robot?" in capfd.readouterr().out.splitlines()[0]
+    model = modelfile.load("m.toml")
+    moved = model.k - model.robot.mechanism.nominal
+    assert np.abs(moved).max() > 0.1
+
+
+def test_right_files_of_the_same_robots_raise_no_doubt():
+    for case in (("own_delta", "robot", "plain"), ("inspect_silent", "delta", "delta_ok")):
+        data, robot = files(case)
+        loaded: Robot = robots.load(robot)
+        judged = mixups.judge(measurement.load(data, loaded), loaded, always=True)
+        assert not (judged.readings or judged.numbers or judged.frame or judged.far)
