@@ -102,8 +102,8 @@ def _robot(
     spare = 0.1 + 1e-6 * np.abs(revolutions).max()  # more than the file's digits leave out
     text = _ROBOT.format(
         **{name: 1e3 * settings[name][0] for name in ("base_radius", "plate_radius", "home_height")},
-        base_azimuth=listed(np.degrees(settings["base_azimuth"])),
-        plate_azimuth=listed(np.degrees(settings["plate_azimuth"])),
+        base_azimuth=listed(np.degrees(settings["base_azimuth"]) % 360),
+        plate_azimuth=listed(np.degrees(settings["plate_azimuth"]) % 360),
         leg_travel=listed(settings["leg_travel"] * 2e3 * np.pi),
         low=revolutions.min() - spare, high=revolutions.max() + spare,
         radius=1.02 * np.hypot(position[:, 0], position[:, 1]).max(), z_min=z.min() - 0.1 * spread - 1.0,
