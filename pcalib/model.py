@@ -29,7 +29,8 @@ class FittedEffect:
 
 @dataclass(frozen=True)
 class Frame:
-    """Where a tracker stands and where its target sits: y = R·(x_C + R_C·(t + offset)) + translation."""
+    """Where a tracker stands and how its target sits: it reads y = R·(x_C + R_C·(t + offset)) + translation, and the
+    rotation R·R_C·turn."""
 
     rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     """(3, 3) base → measuring frame."""
@@ -37,6 +38,8 @@ class Frame:
     """(3,) [m], base origin in the measuring frame."""
     offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """(3,) [m], plate frame: the target's place beyond the stated tool point."""
+    turn: np.ndarray | None = None
+    """(3, 3) axes of the tracked body → plate frame; None where they are taken to be the plate's own."""
 
 
 @dataclass(frozen=True)

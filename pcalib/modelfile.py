@@ -41,6 +41,7 @@ _FRAME = tuple(
     Setting(name, dimension, low=-_LARGEST, high=_LARGEST, count=3)
     for name, dimension in (("translation", "length"), ("rotation", "angle"), ("target_offset", "length"))
 )
+_TURN = Setting("target_turn", "angle", default=ABSENT, low=-_LARGEST, high=_LARGEST, count=3)
 
 
 def edge(name: str, unit: str) -> tuple[str, float]:
@@ -258,16 +259,20 @@ def _own(spec: str) -> tuple[str, str]:
 
 
 def _frame_table(frame: Frame) -> dict[str, Any]:
-    return {
+    table = {
         "translation_mm": (frame.translation * 1e3).tolist(),
         "rotation_deg": np.degrees(rotation.log(frame.rotation)).tolist(),
         "target_offset_mm": (frame.offset * 1e3).tolist(),
     }
+    if frame.turn is not None:
+        table["target_turn_deg"] = np.degrees(rotation.log(frame.turn)).tolist()
+    return table
 
 
 def _frame_from(table: Mapping[str, Any]) -> Frame:
-    said = read(table, _FRAME, "frame")
-    return Frame(rotation.exp(said["rotation"]), said["translation"], said["target_offset"])
+    said = read(table, (*_FRAME, _TURN), "frame")
+    turn = rotation.exp(said["target_turn"]) if "target_turn" in said else None
+    return Frame(rotation.exp(said["rotation"]), said["translation"], said["target_offset"], turn)
 
 
 def _level(table: Mapping[str, Any], mechanism: Mechanism) -> str:

@@ -120,7 +120,7 @@ def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | N
         R = turn @ R
     if model.frame is not None:
         x = x @ frame.rotation.T + frame.translation
-        R = frame.rotation @ R
+        R = frame.rotation @ R if frame.turn is None else frame.rotation @ R @ frame.turn
     if total.sensor is not None:
         x = x + total.sensor
     unsettled = solution.unsettled if model.effects and not solution.ok.all() else None
@@ -224,15 +224,19 @@ def effect_columns(
 
 
 def frame_columns(model: Model, p: Prediction, offset: bool = True) -> np.ndarray:
-    """Derivative of the readings by the frame: translation, rotation about it, target offset, (N, 6, 9 or 6)."""
+    """Derivative of the readings by the frame: translation, rotation about it, the target's offset and, where that is
+    unknown, its turn, (N, 6, 6, 9 or 12)."""
     assert model.frame is not None
-    N = len(p.q)
-    J = np.zeros((N, 6, 9 if offset else 6))
+    N, turn = len(p.q), model.frame.turn
+    J = np.zeros((N, 6, 6 if not offset else 9 if turn is None else 12))
     J[:, :3, :3] = np.eye(3)
     J[:, :3, 3:6] = -rotation.hat(p.position - model.frame.translation)
     J[:, 3:, 3:6] = np.eye(3)
     if offset:
-        J[:, :3, 6:] = p.rotation
+        plate = p.rotation if turn is None else p.rotation @ turn.T
+        J[:, :3, 6:9] = plate
+        if turn is not None:
+            J[:, 3:, 9:] = plate
     return J
 
 

@@ -6,8 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from pcalib import units, wording
+from pcalib import rotation, units, wording
 from pcalib.fitting.result import Accuracy, Fit
+from pcalib.model import Frame
+
+_OVERSTATED = 0.5
+"""χ² per degree of freedom below which the stated σ is called too large."""
 
 
 def _micro(value: float) -> float | None:
@@ -79,8 +83,21 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         "iterations": fit.iterations,
         "parameters": parameters,
         "combinations": combinations(fit),
+        "frame": _frame(model.frame),
         "unidentifiable": fit.identifiability.sentences(),
         "warnings": [str(warning) for warning in fit.warnings],
+    }
+
+
+def _frame(frame: Frame | None) -> dict[str, Any] | None:
+    """Where the tracker stands and how its target sits, SI; null where data are in the base frame."""
+    if frame is None:
+        return None
+    return {
+        "translation_si": frame.translation,
+        "rotation_si": rotation.log(frame.rotation),
+        "target_offset_si": frame.offset,
+        "target_turn_si": None if frame.turn is None else rotation.log(frame.turn),
     }
 
 

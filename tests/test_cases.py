@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import cli, modelfile
+from pcalib import cli, modelfile, rotation
 from pcalib import robot as robots
 from pcalib.data import measurement
 from pcalib.fitting import identification, mixups
@@ -86,6 +86,25 @@ def test_the_robot_file_of_another_robot_writes_no_model_unless_asked(tmp_path, 
     model = modelfile.load("m.toml")
     moved = model.k - model.robot.mechanism.nominal
     assert np.abs(moved).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("robot", "data", "turn", "rms"), [("hexapod", "hexapod_20deg", 20, 33.7e-6), ("delta", "delta_30deg", 30, 33.5e-6)]
+)
+def test_a_tracked_body_whose_axes_are_turned_is_estimated_with_the_frame(robot, data, turn, rms, tmp_path):
+    """The same poses without the turn fit to these residuals."""
+    source, drawn = files(("target_body_turned", robot, data))
+    loaded = robots.load(drawn)
+    found = identification.fit(measurement.load(source, loaded), loaded)
+    assert found.accuracy.rms_pos == pytest.approx(rms, rel=0.01) and found.accuracy.at_the_noise
+    frame = found.model.frame
+    assert frame is not None and frame.turn is not None
+    turned = np.degrees(rotation.log(frame.turn))
+    assert turned == pytest.approx([0, 0, turn], abs=0.5)
+    assert {"target.rx", "target.ry", "target.rz"} <= set(found.unknowns.names)
+    modelfile.save(tmp_path / "m.toml", found.model)
+    again = modelfile.load(tmp_path / "m.toml").frame
+    assert again is not None and again.turn is not None and np.abs(again.turn - frame.turn).max() < 1e-12
 
 
 def test_right_files_of_the_same_robots_raise_no_doubt():

@@ -181,7 +181,7 @@ def _bound(text: str, robot: Robot, level: str) -> tuple[str, tuple[float, float
 
 def show(found: Fit) -> None:
     """Print a fit: the outcome in a sentence, its figures, what moved most, and what to know."""
-    from pcalib import summary
+    from pcalib import rotation, summary
     from pcalib.wording import size
 
     say(found.headline())
@@ -198,6 +198,10 @@ def show(found: Fit) -> None:
         f"The data identify {found.n_identified} directions of level {found.candidate.level}; "
         f"of the robot as drawn, such readings show {found.expected}."
     )
+    frame = found.candidate.frame
+    if frame is not None and frame.turn is not None:
+        turn = ", ".join(f"{v:.4g}" for v in np.degrees(rotation.log(frame.turn)))
+        say(f"The tracked body's axes are turned by ({turn})° against the plate's, which was estimated with the frame.")
     for fitted in found.candidate.effects:
         say(f"- {fitted.effect.describe(fitted.theta)}")
     moved = summary.largest_changes(found)

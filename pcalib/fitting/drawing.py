@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib.data.measurement import Measurements
+from pcalib.data.noise import Noise
 from pcalib.errors import InputError, PcalibError
-from pcalib.fitting import least_squares, minimisation
+from pcalib.fitting import least_squares
 from pcalib.fitting.identifiability import PRIOR
 from pcalib.fitting.linearisation import linearise, residuals, seen_from
+from pcalib.fitting.minimisation import Task, minimise
 from pcalib.fitting.unknowns import Unknowns, current, unknowns_of
 from pcalib.model import Model
 from pcalib.prediction import Prediction
@@ -95,12 +97,13 @@ def distance(data: Measurements, robot: Robot) -> Distance | None:
         model, data, at = _start(data, robot)
         unknowns = _unknowns(model, data)
         every = np.arange(len(unknowns.names))
-        state = minimisation.minimise(model, data, unknowns, every, at, "linear", 1.0, STEPS)
+        state = minimise(Task(data, Noise.of(data), unknowns, every, "linear", 1.0, STEPS), model, at)
     except (PcalibError, np.linalg.LinAlgError):
         return None
     g = unknowns.n_geometry
     change = current(state.model, unknowns)[:g] / unknowns.prior[:g]
-    whitened = np.where(data.mask, state.error / data.sigma, np.nan)
+    error = state.at[0]
+    whitened = np.where(data.mask, error / data.sigma, np.nan)
     if not np.isfinite(whitened[data.mask]).all():
         return None
 
@@ -111,7 +114,7 @@ def distance(data: Measurements, robot: Robot) -> Distance | None:
     return Distance(
         misfit=float(np.nansum(whitened**2)), prior=float(change @ change), readings=int(data.mask.sum()),
         parameters=g, tolerances=float(WIDTH * np.abs(change).max(initial=0.0)),
-        rms_pos=rms(state.error[:, :3]), rms_rot=rms(state.error[:, 3:]),
+        rms_pos=rms(error[:, :3]), rms_rot=rms(error[:, 3:]),
         ratio_pos=rms(whitened[:, :3]), ratio_rot=rms(whitened[:, 3:]),
     )  # fmt: skip
 

@@ -91,6 +91,10 @@ def fit(
     fitted = data.take(~data.check) if data.check.any() else data
     used = replace(fitted, mask=explained(fitted, unknowns))
     model = seen_from(model, used)
+    if model.frame is not None and model.frame.turn is not None:
+        unknowns = unknowns_of(
+            model, level, model.effects, tracker, how.fixed, how.bounds, how.prior, flat=method != "map"
+        )
     if not unknowns.level.raw:
         model = model.with_geometry(model.robot.mechanism.nominal + unknowns.level.project(model.errors))
     at = evaluate(model, used)
@@ -158,7 +162,7 @@ def _conclude(task: Task, state: State, data: Measurements, ident: Identifiabili
     taken = float(np.sum(chosen < g))
     if state.model.options.method == "map":
         taken = float(np.sum(information / (1 + information)))
-    taken += unknowns.n_effects + min(unknowns.n_frame, 6)
+    taken += unknowns.n_effects + unknowns.n_registration
 
     found = Fit(
         candidate=_with_sigma(state.model, unknowns, covariance),

@@ -28,6 +28,11 @@ def chunks(n: int) -> Iterator[slice]:
     return (slice(start, min(start + ROWS, n)) for start in range(0, n, ROWS))
 
 
+TURNED = np.radians(1.0)
+"""[rad] mean turn of the plate from the drawing, in a tracker's frame, from which on the tracked body's own axes are
+unknowns: the tolerances of parts turn no plate so far, and who glues a target on does not align it better."""
+
+
 @dataclass(frozen=True)
 class Linearisation:
     """Whitened residuals of measured scalars and their derivatives by every unknown."""
@@ -202,4 +207,16 @@ def register(model: Model, data: Measurements) -> Frame:
         )
     a, b = p.position[full], data.position[full]
     R = rotation.laying(a - a.mean(0), b - b.mean(0))
-    return Frame(R, b.mean(0) - R @ a.mean(0))
+    return Frame(R, b.mean(0) - R @ a.mean(0), turn=_turn(R @ p.rotation[full], data.rotation[full]))
+
+
+def _turn(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray | None:
+    """(3, 3) axes of the tracked body in the plate's where they are not the plate's own; None where they are, or where
+    no rotation is measured."""
+    given = ~np.isnan(measured).any(axis=(1, 2))
+    if not given.any():
+        return None
+    mean = np.mean(rotation.transposed(predicted[given]) @ measured[given], axis=0)
+    U, _, Vt = np.linalg.svd(mean)
+    turn = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return turn if np.linalg.norm(rotation.log(turn[None])) > TURNED else None

@@ -79,9 +79,9 @@ def require_enough(model: Model, data: Measurements, unknowns: Unknowns) -> int:
     rows = [(tuple(mask), tuple(tool)) for mask, tool in zip(data.mask.tolist(), tools, strict=True)]
     kinds = tuple(sorted(kind for kind, _ in Counter(rows).most_common(_KINDS)))
     expected = expected_rank(
-        model.robot, unknowns.level.name, tuple(unknowns.keep), kinds, tuple(_typical(data)), unknowns.n_frame > 0
+        model.robot, unknowns.level.name, tuple(unknowns.keep), kinds, tuple(_typical(data)), unknowns.n_frame
     )
-    needed = expected + min(unknowns.n_frame, 6) + 1
+    needed = expected + unknowns.n_registration + 1
     readings = int(data.mask.sum())
     if readings < needed:
         n = len(data.q)
@@ -103,20 +103,20 @@ def _typical(data: Measurements) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def expected_rank(
-    robot: Robot, level: str, keep: tuple[bool, ...], kinds: tuple[Kind, ...], sigma: tuple[float, ...], frame: bool
+    robot: Robot, level: str, keep: tuple[bool, ...], kinds: tuple[Kind, ...], sigma: tuple[float, ...], frame: int
 ) -> int:
     """Directions that 40 well-spread poses of each kind would identify at nominal geometry.
 
     Args:
         keep: which columns of the level are free.
         sigma: (6,) [m, rad] of the instrument.
-        frame: whether registration and target place are unknown.
+        frame: how many unknowns the measuring frame has: 0, 9, or 12 where the target's turn is one.
     """
     from pcalib.workspace import reachable
 
     q = reachable(robot, 40, np.random.default_rng(0)).q
-    nominal = replace(Model.nominal(robot), frame=Frame() if frame else None)
-    chosen = unknowns_of(nominal, level, frame=frame)
+    nominal = replace(Model.nominal(robot), frame=Frame(turn=np.eye(3) if frame == 12 else None) if frame else None)
+    chosen = unknowns_of(nominal, level, frame=frame > 0)
     basis = chosen.level.basis[:, np.array(keep, bool)]
     scale = chosen.scale[: chosen.n_geometry][np.array(keep, bool)]
     rows, frames = [], []

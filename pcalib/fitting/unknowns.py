@@ -49,6 +49,11 @@ class Unknowns:
         """Free level coordinates (n_geometry,) of raw geometric errors (nk,)."""
         return self.level.coordinates(errors)[self.keep]
 
+    @property
+    def n_registration(self) -> int:
+        """Unknowns of the frame that readings take up: the target's place is held by its prior."""
+        return max(self.n_frame - 3, 0)
+
     @cached_property
     def bounded(self) -> bool:
         """Whether any unknown has a bound."""
@@ -94,15 +99,16 @@ def unknowns_of(
             names.append(f"{fitted.effect.name}.{p.name}")
             sizes.append(EFFECT_PRIOR_WIDTH * p.prior)
     n_effects = len(names) - n_geometry
-    n_frame = 9 if frame else 0
-    names += [f"frame.{c}" for c in ("x", "y", "z", "rx", "ry", "rz")][:n_frame]
-    names += [f"target.{c}" for c in "xyz"] if frame else []
+    turned = frame and model.frame is not None and model.frame.turn is not None
+    n_frame = 12 if turned else 9 if frame else 0
+    names += [f"{of}.{c}" for of in ("frame", "target") for c in ("x", "y", "z", "rx", "ry", "rz")][:n_frame]
     scale = np.array(sizes + [_FRAME_SCALE] * n_frame)
     free = np.array(sizes + [np.inf] * n_frame)
     if flat:
         free[:] = np.inf
     if frame:
-        free[-3:] = _TARGET_PRIOR
+        place = len(names) - n_frame + 6
+        free[place : place + 3] = _TARGET_PRIOR
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for name, (low, high) in bounds.items():
         lower[names.index(name)], upper[names.index(name)] = low, high
@@ -123,7 +129,10 @@ def apply(model: Model, unknowns: Unknowns, step: np.ndarray) -> Model:
         assert frame is not None
         f = step[g + e :]
         turned = rotation.renormalise(rotation.exp(f[3:6]) @ frame.rotation)
-        frame = Frame(turned, frame.translation + f[:3], frame.offset + f[6:9])
+        body = frame.turn
+        if body is not None:
+            body = rotation.renormalise(rotation.exp(f[9:12]) @ body)
+        frame = Frame(turned, frame.translation + f[:3], frame.offset + f[6:9], body)
     return replace(model, k=k, effects=tuple(effects), frame=frame)
 
 
@@ -137,5 +146,5 @@ def current(model: Model, unknowns: Unknowns) -> np.ndarray:
         values[g : g + e] = np.concatenate([f.theta for f in model.effects])
     if unknowns.n_frame:
         assert model.frame is not None
-        values[-3:] = model.frame.offset
+        values[g + e + 6 : g + e + 9] = model.frame.offset
     return values

@@ -65,7 +65,10 @@ def reading_of(model, q, conditions, reference):
     return np.hstack([p.position, rotation.log(p.rotation @ np.swapaxes(reference, -1, -2))])
 
 
-@pytest.mark.parametrize("frame", [None, FRAME], ids=["base", "tracker"])
+TURNED = replace(FRAME, turn=rotation.exp(np.array([0.2, -0.4, 1.5])))
+
+
+@pytest.mark.parametrize("frame", [None, FRAME, TURNED], ids=["base", "tracker", "turned target"])
 @pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS)
 def test_prediction_columns_of_geometry_and_frame(delta, perturb, q, tool, frame):
     model = replace(Model.nominal(delta), k=perturb(3, 0.5, 0.2), frame=frame)
@@ -85,10 +88,12 @@ def test_prediction_columns_of_geometry_and_frame(delta, perturb, q, tool, frame
         return
 
     def displaced(s):
-        there = Frame(rotation.exp(s[3:6]) @ frame.rotation, frame.translation + s[:3], frame.offset + s[6:])
+        body = None if frame.turn is None else rotation.exp(s[9:]) @ frame.turn
+        there = Frame(rotation.exp(s[3:6]) @ frame.rotation, frame.translation + s[:3], frame.offset + s[6:9], body)
         return reading_of(replace(model, frame=there), q, conditions, p.rotation)
 
-    assert relative(prediction.frame_columns(model, p), central(displaced, 9, 1e-4)) < 1e-7
+    numeric = central(displaced, 9 if frame.turn is None else 12, 1e-4)
+    assert relative(prediction.frame_columns(model, p), numeric) < 1e-7
 
 
 COLUMNS = {"temp": np.linspace(18, 31, 12), "time": np.linspace(0, 3600, 12), "dir1": np.tile([1.0, -1.0], 6)}
