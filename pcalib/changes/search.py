@@ -1,0 +1,385 @@
+"""Which part changed: parts, effects and slips within the session, judged as the hypotheses of a diagnosis are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from pcalib.changes.session import Session, at, session
+from pcalib.data.measurement import Measurements
+from pcalib.diagnosis import adequacy
+from pcalib.diagnosis.candidates import Candidate, candidates
+from pcalib.diagnosis.hypothesis import Hypothesis, Kind
+from pcalib.diagnosis.patterns import Cell, cells, patterns
+from pcalib.diagnosis.screen import Group, Noise, Screen, Search, project_out, screen, smallest_seen, span
+from pcalib.errors import InputError
+from pcalib.model import Model
+
+SLIPPERY = 3
+"""Most directions of a part that may slip within a session: zeros, single joints and rods, and the frame's place."""
+EDGE = 3
+"""Rows before and after a slip that it takes to tell it from outliers."""
+SPLITS = 160
+"""Most places that are tried for a slip; of more rows every second, third … is a place."""
+DRAWS = 256
+"""Draws of pure noise on which the search for a slip is repeated, to learn what it finds by chance."""
+RARE = 0.9
+"""Quantile of the best of each draw at which independent tries are counted: neighbouring places are nearly one."""
+LARGE = 12.0
+"""Noise units of a change from which on the residuals are linearised anew at its size: the second order of a change
+δ of a length L is δ²/L, a tenth of the noise for 12 noise units of 20 µm on a lever of 300 mm."""
+REFINED = 5
+"""Single hypotheses, those that take up most, that are linearised anew at their size."""
+ROUNDS = 4
+SETTLED = 1e-3
+"""Most rounds of that, and the step in tolerances below which it ends: 0.1 µm."""
+
+
+class Verdict(StrEnum):
+    """The answer to the question what changed."""
+
+    NOTHING = "nothing_changed"
+    ESTABLISHED = "established"
+    AMBIGUOUS = "ambiguous"
+    UNEXPLAINED = "unexplained"
+
+
+@dataclass(frozen=True)
+class Slip:
+    """A part that slipped between two rows."""
+
+    hypothesis: Hypothesis
+    row: int
+    """First row after the slip, counted from 0."""
+
+
+@dataclass(frozen=True)
+class Changed:
+    """One thing that may have changed, with its size."""
+
+    candidate: Candidate
+    theta: np.ndarray
+    sigma: np.ndarray
+    """(p,) [SI] Its change in the directions of the hypothesis, and 1σ; inf where these poses cannot see it."""
+    s: float
+    """Norm of what it takes up on its own, noise units."""
+    p: float
+    """Corrected for everything that was looked at."""
+    smallest: np.ndarray
+    """(p,) [SI] Smallest change that would have been seen with 90 % power; inf where none would."""
+    slip: Slip | None = None
+
+    @property
+    def name(self) -> str:
+        """The part's, effect's or slip's name."""
+        return self.candidate.name
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One smallest set of changes that explains the session."""
+
+    members: tuple[Changed, ...]
+    bic: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What changed, sorted."""
+        return tuple(sorted(m.name for m in self.members))
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What changed between the session of the model and this one."""
+
+    verdict: Verdict
+    sets: tuple[Explanation, ...]
+    """The smallest adequate sets, by BIC; empty where nothing changed, or nothing explains what did."""
+    findings: tuple[Changed, ...]
+    """Every part, effect and slip on its own, hottest first."""
+    cells: tuple[Cell, ...]
+    """Where the change shows, hottest first."""
+    frame: np.ndarray
+    """(0, 6 or 9) [m, rad] Change of the measuring frame: translation, rotation, target."""
+    chi2_dof: float
+    """Of the new session under the old model, the frame allowed for."""
+    p: float
+    """Of the smallest p of all that was looked at."""
+    critical: float
+    session: Session
+
+    @property
+    def established(self) -> tuple[str, ...]:
+        """What every smallest adequate set has in common."""
+        if not self.sets:
+            return ()
+        shared = set(self.sets[0].names)
+        for other in self.sets[1:]:
+            shared &= set(other.names)
+        return tuple(sorted(shared))
+
+
+def changes(
+    model: Model,
+    data: Measurements,
+    same_setup: bool = False,
+    alpha: float = adequacy.ALPHA,
+    against: tuple[float, float] = adequacy.AGAINST,
+    seed: int = 0,
+) -> Changes:
+    """What changed since the session of a model.
+
+    Args:
+        data: the new session; every row is used.
+        same_setup: the instrument and its target were not touched.
+        alpha: chance of an alarm where nothing changed.
+        against: share of true explanations that may be dropped, single ones and pairs.
+
+    Raises:
+        InputError: the model keeps no uncertainty, or the robot of the model cannot take the commands.
+    """
+    new = session(model, data, same_setup)
+    asked = _Asked.of(new, seed)
+    start = adequacy.p_values(asked.screen)
+    null = adequacy.null_distribution(asked.screen)
+    critical = float(np.quantile(null, alpha))
+    p = float(adequacy.corrected(start.smallest, null))
+    sets: list[Explanation] = []
+    if start.smallest < critical:
+        sets = _explanations(asked, null, same_setup, against)
+    verdict = Verdict.NOTHING
+    if start.smallest < critical:
+        verdict = Verdict.UNEXPLAINED if not sets else Verdict.ESTABLISHED if len(sets) == 1 else Verdict.AMBIGUOUS
+    n = len(asked.candidates)
+    findings = [asked.finding(g, float(adequacy.corrected(start.p[g], null)), critical) for g in range(n)]
+    screened = asked.screen
+    return Changes(
+        verdict=verdict,
+        sets=tuple(sets),
+        findings=tuple(sorted(findings, key=lambda f: (f.p, -f.s))),
+        cells=cells(asked.patterns, n, screened, start.p, null),
+        frame=asked.frame(),
+        chi2_dof=float(screened.residual @ screened.residual) / max(screened.free, 1),
+        p=p,
+        critical=critical,
+        session=new,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """A session with everything that may have changed in it."""
+
+    session: Session
+    candidates: tuple[Candidate, ...]
+    slips: tuple[Slip | None, ...]
+    patterns: list
+    screen: Screen
+
+    @classmethod
+    def of(cls, new: Session, seed: int, slips: bool = True) -> _Asked:
+        point = new.point
+        found = [Candidate.of(h, point) for h in hypotheses(new.model)]
+        found += [c for c in candidates(point)[0] if c.hypothesis.kind is Kind.EFFECT and _simplest(c)]
+        found = [c for c in found if np.any(c.columns)]
+        where: list[Slip | None] = [None] * len(found)
+        groups = [Group(c.spec, new.whitened(c.columns), c.scale, limit=None) for c in found]
+        if slips:
+            for candidate, slip, columns, search in _slips(new, found):
+                found.append(candidate)
+                where.append(slip)
+                groups.append(Group(candidate.name, columns, candidate.scale, search=search))
+        room = len(new.y) - new.frame.shape[1]
+        measured = np.asarray(new.data.mask.any(axis=0))
+        omnibus = patterns(point, max(3, min(60, room // 6)), max(20, room // 3), measured)
+        for pattern in omnibus:
+            size = np.full(pattern.columns.shape[-1], pattern.size)
+            name = f"{pattern.channel} × {pattern.variable}"
+            groups.append(Group(name, new.whitened(pattern.columns), size, search=pattern.search))
+        known = Noise(np.zeros(len(new.y), int), np.array([np.inf]))
+        made = screen(new.y, new.frame, groups, known, seed=seed)
+        return cls(new, tuple(found), tuple(where), omnibus, made)
+
+    def finding(self, g: int, p: float, critical: float) -> Changed:
+        """What one candidate says on its own."""
+        screened = self.screen
+        theta, sigma = (a[0] for a in screened.estimate([g]))
+        return Changed(
+            candidate=self.candidates[g],
+            theta=theta,
+            sigma=sigma,
+            s=float(np.linalg.norm(screened.blocks[g].T @ screened.y)),
+            p=p if screened.visible[g] else 1.0,
+            smallest=smallest_seen(screened, g, critical),
+            slip=self.slips[g],
+        )
+
+    def frame(self) -> np.ndarray:
+        """Least-squares change of the measuring frame (0, 6 or 9) [m, rad]."""
+        from pcalib.changes.session import FRAME_PRIOR
+
+        J = self.session.frame
+        if not J.shape[1]:
+            return np.zeros(0)
+        return np.linalg.lstsq(J, self.session.y, rcond=1e-10)[0] * FRAME_PRIOR[: J.shape[1]]
+
+
+def hypotheses(model: Model) -> list[Hypothesis]:
+    """Every part of the robot as a hypothesis."""
+    mechanism = model.robot.mechanism
+    out = []
+    for part in mechanism.parts:
+        moved = np.abs(part.basis) > 0
+        units = tuple(mechanism.units[int(np.argmax(column))] for column in moved.T)
+        out.append(Hypothesis(Kind.PART, part.name, part.name, None, part.basis, units, part.words))
+    return out
+
+
+def _simplest(candidate: Candidate) -> bool:
+    """Whether this is the first variant of its effect: parts are many, and variants would make them more."""
+    return candidate.spec == candidate.name or candidate.search.trials > 1
+
+
+def _slips(
+    new: Session, found: Sequence[Candidate]
+) -> list[tuple[Candidate, Slip, np.ndarray, Search]]:
+    """The best place of a slip for every part that can slip, and what the search for it costs."""
+    rows = len(new.data)
+    places = np.arange(EDGE, rows - EDGE + 1)
+    if not len(places):
+        return []
+    places = places[:: max(1, -(-len(places) // SPLITS))]
+    U = span(new.frame, 1e-9)
+    rest = project_out(new.y, U)
+    rng = np.random.default_rng(1)
+    draws = project_out(rng.standard_normal((len(new.y), DRAWS), dtype=np.float32), U.astype(np.float32))
+    out = []
+    for candidate in found:
+        p = len(candidate.scale)
+        if candidate.hypothesis.kind is not Kind.PART or p > SLIPPERY:
+            continue
+        raw = new.noise.whiten(candidate.columns)
+        best, by_chance, chosen = -1.0, np.zeros(DRAWS), int(places[0])
+        for place in places:
+            E = project_out(new.factor @ np.where((new.row >= place)[:, None], raw, 0.0), U)
+            Q = span(E / np.maximum(np.linalg.norm(E, axis=0), 1e-300), 1e-3)
+            gain = float(np.sum((Q.T @ rest) ** 2))
+            by_chance = np.maximum(by_chance, np.sum((Q.astype(np.float32).T @ draws) ** 2, axis=0))
+            if gain > best:
+                best, chosen = gain, int(place)
+        columns = new.factor @ np.where((new.row >= chosen)[:, None], raw, 0.0)
+        named = replace(
+            candidate.hypothesis,
+            name=f"{candidate.name}@{chosen}",
+            spec=f"{candidate.name}@{chosen}",
+            words=f"{candidate.hypothesis.words}, from row {chosen + 1} on",
+        )
+        made = Candidate(named, candidate.columns, candidate.scale, candidate.low, candidate.high)
+        out.append((made, Slip(candidate.hypothesis, chosen), columns, _search(by_chance, p)))
+    return out
+
+
+def _search(best: np.ndarray, d: int) -> Search:
+    """What it costs that a group was found as the best of many, from the best χ²(d) of every draw of noise (n,)."""
+    from scipy.special import chdtr
+
+    tries = np.log(RARE) / np.log(chdtr(d, np.quantile(best, RARE)))
+    return Search(float(max(tries, 1.0)), float(max(np.mean(best) - d, 0.0)))
+
+
+def _explanations(
+    asked: _Asked, null: np.ndarray, same_setup: bool, against: tuple[float, float]
+) -> list[Explanation]:
+    """The smallest adequate sets, single changes first, then pairs; the best BIC first."""
+    screened, n = asked.screen, len(asked.candidates)
+    gains = [float(np.sum((b.T @ screened.y) ** 2)) for b in screened.blocks[:n]]
+    order = sorted((g for g in range(n) if screened.visible[g]), key=lambda g: len(asked.candidates[g].scale))
+    names = [c.name for c in asked.candidates] + [""] * (len(screened.blocks) - n)
+    reference = float(np.quantile(null, against[0]))
+    found = adequacy.adequate_sets(screened, order, 1, against[0], reference, names)
+    single = [_explained(asked, chosen) for chosen in found]
+    far = sorted((g for g in order if gains[g] > LARGE**2), key=lambda g: -gains[g])[:REFINED]
+    known = {e.names for e in single}
+    for g in far:  # of a large change the residuals are not linear
+        if (asked.candidates[g].name,) not in known and (better := _refined(asked, g, same_setup, against[0])):
+            single.append(better)
+    if single:
+        return _pruned(single)
+    reference = float(np.quantile(null, against[1]))
+    found = adequacy.adequate_sets(screened, order, 2, against[1], reference, names)
+    return _pruned([_explained(asked, chosen) for chosen in found])
+
+
+def _explained(asked: _Asked, chosen: Sequence[int]) -> Explanation:
+    screened = asked.screen
+    theta, sigma = screened.estimate(list(chosen))
+    Q = screened.joint(list(chosen))
+    rest = float(screened.y @ screened.y - np.sum((Q.T @ screened.y) ** 2))
+    members = []
+    for g, value, spread in zip(chosen, theta, sigma, strict=True):
+        s = float(np.linalg.norm(screened.blocks[g].T @ screened.y))
+        nothing = np.full(len(value), np.inf)
+        members.append(Changed(asked.candidates[g], value, spread, s, 0.0, nothing, asked.slips[g]))
+    columns = sum(len(m.theta) + (m.slip is not None) for m in members)
+    return Explanation(tuple(members), rest + columns * float(np.log(len(asked.session.y))))
+
+
+def _pruned(found: Sequence[Explanation]) -> list[Explanation]:
+    """The sets by BIC, without those that contain what a simpler set of nearly the same fit does already.
+
+    A joint that moved also fits as the whole arm that carries it; the arm is named only where the joint is not enough.
+    """
+    ordered = sorted(found, key=lambda e: e.bic)
+    out: list[Explanation] = []
+    for one in ordered:
+        if not any(_within(other, one) for other in ordered if other is not one):
+            out.append(one)
+    return out
+
+
+def _within(small: Explanation, large: Explanation) -> bool:
+    """Whether a set of changes is a special case of another one with more directions and no better BIC."""
+    if sum(len(m.theta) for m in small.members) >= sum(len(m.theta) for m in large.members) or small.bic > large.bic:
+        return False
+    a, b = (
+        [m.candidate.hypothesis.basis for m in e.members if m.slip is None and m.candidate.hypothesis.basis is not None]
+        for e in (small, large)
+    )
+    if len(a) != len(small.members) or len(b) != len(large.members):
+        return False
+    inside, whole = np.hstack(a), np.hstack(b)
+    left = inside - whole @ np.linalg.lstsq(whole, inside, rcond=1e-12)[0]
+    return bool(np.abs(left).max() < 1e-9)
+
+
+def _refined(asked: _Asked, g: int, same_setup: bool, level: float) -> Explanation | None:
+    """A single large change at its own size: an explanation if it is adequate there."""
+    candidate, start = asked.candidates[g], asked.session.model
+    basis = candidate.hypothesis.basis
+    if basis is None or asked.slips[g] is not None:
+        return None
+    total, new = np.zeros(len(candidate.scale)), asked.session
+    for _ in range(ROUNDS):
+        columns = new.whitened(candidate.hypothesis.columns(new.point)) * candidate.scale
+        both = np.hstack([new.frame, columns])
+        step = np.linalg.lstsq(both, new.y, rcond=1e-6)[0][new.frame.shape[1] :] * candidate.scale
+        total = total + step
+        try:
+            new = at(start.with_geometry(start.k + basis @ total), asked.session.data, same_setup)
+        except InputError:  # a robot that is changed so much cannot take the commands
+            return None
+        if np.abs(step / candidate.scale).max() < SETTLED:
+            break
+    here = _Asked.of(new, 0, slips=False)
+    place = next((i for i, c in enumerate(here.candidates) if c.name == candidate.name), None)
+    if place is None:
+        return None
+    reference = float(np.quantile(adequacy.null_distribution(here.screen), level))
+    if not adequacy.is_adequate(here.screen, [place], level, reference):
+        return None
+    made = _explained(here, [place])
+    member = replace(made.members[0], theta=total, s=float(np.linalg.norm(asked.screen.blocks[g].T @ asked.screen.y)))
+    return replace(made, members=(member,))

@@ -1,0 +1,111 @@
+"""A new session under an old model: residuals whitened by noise and posterior, and what the frame may take up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import prediction
+from pcalib.data.measurement import Measurements
+from pcalib.data.noise import Noise
+from pcalib.diagnosis.point import Point
+from pcalib.errors import InputError
+from pcalib.fitting import linearisation
+from pcalib.fitting.sufficiency import require_reach
+from pcalib.model import Frame, Model
+
+FRAME_PRIOR = np.r_[np.full(3, 1.0), np.full(3, 1.0), np.full(3, 0.1)]
+"""[m, rad, m] Scale of the frame's translation, rotation and of the target's offset: so wide that they are free."""
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """One session, linearised at a model of the robot.
+
+    Whitened arrays have unit covariance if nothing changed: C = Σ + J·P·Jᵀ = L·Lᵀ, with the noise Σ, the derivative J of
+    the readings by geometry and effects, and their posterior covariance P.
+    """
+
+    model: Model
+    """The robot of the last session in the frame of this one."""
+    data: Measurements
+    point: Point
+    noise: Noise
+    factor: np.ndarray
+    """(M, M) L⁻¹, of readings that were whitened by the noise alone."""
+    y: np.ndarray
+    """(M,) Whitened residuals."""
+    frame: np.ndarray
+    """(M, 0, 6 or 9) Whitened columns of the measuring frame and the target, times their scale."""
+    sensitivity: np.ndarray
+    """(M, r) J·(factor of P), whitened by the noise alone."""
+
+    def whitened(self, columns: np.ndarray) -> np.ndarray:
+        """Columns (N, 6, p) [m, rad] as (M, p) of unit covariance."""
+        return self.factor @ self.noise.whiten(columns)
+
+    @property
+    def row(self) -> np.ndarray:
+        """(M,) row of each reading."""
+        return self.noise.row
+
+
+def session(model: Model, data: Measurements, same_setup: bool = False) -> Session:
+    """A new session under an old model.
+
+    Args:
+        data: rows of the new session; all of them are used.
+        same_setup: the instrument stands where it stood and the target sits where it sat.
+
+    Raises:
+        InputError: the model has no posterior, or the robot of the model cannot take the commands.
+    """
+    if model.posterior is None:
+        raise InputError(
+            "the model keeps no uncertainty of its fit, so that a change cannot be told from what was never known",
+            remedy="fit it again from the data of its session: pcalib fit DATA.csv --robot R.toml -o MODEL.toml",
+        )
+    return at(_registered(model, data, same_setup), data, same_setup)
+
+
+def at(model: Model, data: Measurements, same_setup: bool) -> Session:
+    """The session linearised at a model that is registered to it already."""
+    noise = _noise(model, data)
+    error, p = linearisation.residuals(model, data)
+    require_reach(p, data)
+    point = Point.of(model, p, linearisation.conditions_of(data))
+    sensitivity = noise.whiten(np.nan_to_num(_known(point) @ model.posterior.factor))
+    C = np.eye(len(sensitivity)) + sensitivity @ sensitivity.T
+    L = np.linalg.cholesky(C)
+    y = noise.whiten(np.nan_to_num(error[..., None]))[:, 0]
+    free = np.zeros((len(data), 6, 0))
+    if model.frame is not None and not same_setup:
+        free = prediction.frame_columns(model, p, offset=data.frame == "tracker")
+        free = free * FRAME_PRIOR[: free.shape[-1]]
+    inverse = np.linalg.solve(L, np.eye(len(L)))
+    return Session(model, data, point, noise, inverse, inverse @ y, inverse @ noise.whiten(free), sensitivity)
+
+
+def _known(point: Point) -> np.ndarray:
+    """(N, 6, n) Derivative of the readings by what the posterior is about: level coordinates, then effects."""
+    model, p = point.model, point.prediction
+    basis = model.robot.mechanism.levels[model.level].basis
+    parts = [prediction.geometry_columns(model, p, point.closure, point.JX, basis)]
+    parts.append(point.columns(prediction.unit_contributions(model, point.situation)))
+    return np.nan_to_num(np.concatenate(parts, axis=-1))
+
+
+def _noise(model: Model, data: Measurements) -> Noise:
+    """The noise that the file states, scaled as the last session showed it to be."""
+    return Noise.of(data).scaled(model.posterior.noise)
+
+
+def _registered(model: Model, data: Measurements, same_setup: bool) -> Model:
+    """The model in the frame of the new session: found anew unless the set-up is the same."""
+    if same_setup:
+        return linearisation.seen_from(model, data)
+    if data.frame == "tracker":
+        return linearisation.seen_from(replace(model, frame=None), data)
+    # Readings in the base frame: the instrument was aligned to the base anew, and never exactly as before.
+    return replace(model, frame=Frame())
