@@ -11,6 +11,7 @@ import numpy as np
 from pcalib.effects.base import Effect, Situation
 from pcalib.mechanics.kinematics import RIGID, Deviation
 from pcalib.mechanics.mechanism import Pose
+from pcalib.posterior import Posterior
 from pcalib.robot import Robot
 
 
@@ -98,6 +99,8 @@ class Model:
     """None where data are measured in the base frame."""
     sigma: np.ndarray | None = None
     """(nk,) 1σ of k from the fit; NaN where the level does not free a parameter."""
+    posterior: Posterior | None = None
+    """Covariance of geometry and effects from the fit; None where it is not known."""
     options: FitOptions = FitOptions()
     """How it was fitted."""
     time_origin: float | None = None
@@ -125,6 +128,12 @@ class Model:
             self.robot, self.k, q, pose, conditions.tool, conditions.payload, columns, deviation=deviation,
             position=position, partners=[(f.effect, f.theta) for f in self.effects],
         )  # fmt: skip
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names of the coordinates of the level, then of the parameters of the effects: what the posterior is about."""
+        own = [f"{fitted.effect.name}.{p.name}" for fitted in self.effects for p in fitted.effect.parameters]
+        return (*self.robot.mechanism.levels[self.level].columns, *own)
 
     @property
     def errors(self) -> np.ndarray:

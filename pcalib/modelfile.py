@@ -19,6 +19,7 @@ from pcalib import files, robot, rotation, units
 from pcalib.errors import EffectError, InputError, unknown
 from pcalib.mechanics.mechanism import Level, Mechanism
 from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Frame, Model
+from pcalib.posterior import Posterior
 from pcalib.settings import ABSENT, Setting, is_number, read
 
 SCHEMA = "pcalib.model/1"
@@ -80,6 +81,8 @@ def dumps(model: Model, statistics: Mapping[str, Any] | None = None) -> str:
                 label, factor = edge(key, unit)
                 entry[label] = float(values[i] / factor)
         table["parameters"][name] = entry
+    if model.posterior is not None and model.posterior.names == model.unknowns:
+        table["posterior"] = model.posterior.to_table()
     table["history"] = [_plain(h) for h in model.history]
     if not model.robot.text:
         raise InputError(f"robot '{model.robot.name}' came from no file", remedy="read it with pcalib.robot.load")
@@ -135,7 +138,10 @@ def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
     options = _options_from(table, mechanism.levels[level])
     times = {key: value for key, value in table.items() if key == "time_origin_s"}
     origin = read(times, (Setting("time_origin", "time", ABSENT),), "model").get("time_origin")
-    return Model(described, k, level, effects, frame, known, options, origin, _history(table))
+    made = Model(described, k, level, effects, frame, known, None, options, origin, _history(table))
+    if "posterior" not in table:  # files of earlier versions have none
+        return made
+    return replace(made, posterior=Posterior.from_table(_table(table, "posterior"), made.unknowns))
 
 
 def _history(table: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
@@ -174,6 +180,7 @@ def restore(model: Model, entry: Mapping[str, Any], effect_files: Sequence[str] 
         frame=_frame_from(_table(entry, "frame")) if "frame" in entry else None,
         options=_options_from(entry, model.robot.mechanism.levels[level]),
         sigma=None,
+        posterior=None,
     )
 
 

@@ -1,7 +1,7 @@
 """What a fit knows of a robot and how well: the posterior covariance that a model keeps, in factors.
 
-The covariance of geometry and effects, the measuring frame allowed for, is F·Fᵀ. The factor F is lower triangular and is
-kept with seven digits, which is far more than a covariance is known to.
+The covariance of geometry and effects, the measuring frame allowed for, is F·Fᵀ. The factor F is lower triangular and
+is kept with seven digits, which is far more than a covariance is known to.
 """
 
 from __future__ import annotations

@@ -33,6 +33,8 @@ LARGE = 12.0
 δ of a length L is δ²/L, a tenth of the noise for 12 noise units of 20 µm on a lever of 300 mm."""
 REFINED = 5
 """Single hypotheses, those that take up most, that are linearised anew at their size."""
+CLEAR = 6.0
+"""Difference of BIC from which on the evidence for the simpler of two nested sets is strong (Kass & Raftery 1995)."""
 ROUNDS = 4
 SETTLED = 1e-3
 """Most rounds of that, and the step in tolerances below which it ends: 0.1 µm."""
@@ -90,6 +92,11 @@ class Explanation:
         """What changed, sorted."""
         return tuple(sorted(m.name for m in self.members))
 
+    @property
+    def slips(self) -> bool:
+        """Whether it says that something slipped within the session."""
+        return any(m.slip is not None for m in self.members)
+
 
 @dataclass(frozen=True)
 class Changes:
@@ -113,9 +120,11 @@ class Changes:
 
     @property
     def established(self) -> tuple[str, ...]:
-        """What every smallest adequate set has in common."""
+        """What changed for certain: the single answer, or what every adequate set has in common."""
         if not self.sets:
             return ()
+        if self.verdict is Verdict.ESTABLISHED:
+            return self.sets[0].names
         shared = set(self.sets[0].names)
         for other in self.sets[1:]:
             shared &= set(other.names)
@@ -150,9 +159,7 @@ def changes(
     sets: list[Explanation] = []
     if start.smallest < critical:
         sets = _explanations(asked, null, same_setup, against)
-    verdict = Verdict.NOTHING
-    if start.smallest < critical:
-        verdict = Verdict.UNEXPLAINED if not sets else Verdict.ESTABLISHED if len(sets) == 1 else Verdict.AMBIGUOUS
+    verdict = _decide(sets) if start.smallest < critical else Verdict.NOTHING
     n = len(asked.candidates)
     findings = [asked.finding(g, float(adequacy.corrected(start.p[g], null)), critical) for g in range(n)]
     screened = asked.screen
@@ -307,10 +314,10 @@ def _explanations(
         if (asked.candidates[g].name,) not in known and (better := _refined(asked, g, same_setup, against[0])):
             single.append(better)
     if single:
-        return _pruned(single)
+        return _ordered(single)
     reference = float(np.quantile(null, against[1]))
     found = adequacy.adequate_sets(screened, order, 2, against[1], reference, names)
-    return _pruned([_explained(asked, chosen) for chosen in found])
+    return _ordered([_explained(asked, chosen) for chosen in found])
 
 
 def _explained(asked: _Asked, chosen: Sequence[int]) -> Explanation:
@@ -327,23 +334,28 @@ def _explained(asked: _Asked, chosen: Sequence[int]) -> Explanation:
     return Explanation(tuple(members), rest + columns * float(np.log(len(asked.session.y))))
 
 
-def _pruned(found: Sequence[Explanation]) -> list[Explanation]:
-    """The sets by BIC, without those that contain what a simpler set of nearly the same fit does already.
-
-    A joint that moved also fits as the whole arm that carries it; the arm is named only where the joint is not enough.
-    """
+def _ordered(found: Sequence[Explanation]) -> list[Explanation]:
+    """The sets by BIC; a slip is named only where no change that holds for the whole session does as well."""
     ordered = sorted(found, key=lambda e: e.bic)
-    out: list[Explanation] = []
-    for one in ordered:
-        if not any(_within(other, one) for other in ordered if other is not one):
-            out.append(one)
-    return out
+    constant = min((e.bic for e in ordered if not e.slips), default=np.inf)
+    return [e for e in ordered if not (e.slips and e.bic > constant)]
+
+
+def _decide(sets: Sequence[Explanation]) -> Verdict:
+    """The verdict on the adequate sets of something that changed, the best BIC first.
+
+    A joint that moved also fits as the whole arm that carries it. Such wider parts are no rivals where the data prefer
+    the joint clearly; they are named beside it.
+    """
+    if not sets:
+        return Verdict.UNEXPLAINED
+    first, *others = sets
+    clear = all(other.bic > first.bic + CLEAR and _within(first, other) for other in others)
+    return Verdict.ESTABLISHED if clear else Verdict.AMBIGUOUS
 
 
 def _within(small: Explanation, large: Explanation) -> bool:
-    """Whether a set of changes is a special case of another one with more directions and no better BIC."""
-    if sum(len(m.theta) for m in small.members) >= sum(len(m.theta) for m in large.members) or small.bic > large.bic:
-        return False
+    """Whether a set of changes is a special case of another one with more directions."""
     a, b = (
         [m.candidate.hypothesis.basis for m in e.members if m.slip is None and m.candidate.hypothesis.basis is not None]
         for e in (small, large)

@@ -23,8 +23,8 @@ FRAME_PRIOR = np.r_[np.full(3, 1.0), np.full(3, 1.0), np.full(3, 0.1)]
 class Session:
     """One session, linearised at a model of the robot.
 
-    Whitened arrays have unit covariance if nothing changed: C = Σ + J·P·Jᵀ = L·Lᵀ, with the noise Σ, the derivative J of
-    the readings by geometry and effects, and their posterior covariance P.
+    Whitened arrays have unit covariance if nothing changed: C = Σ + J·P·Jᵀ = L·Lᵀ, with the noise Σ, the derivative J
+    of the readings by geometry and effects, and their posterior covariance P.
     """
 
     model: Model

@@ -38,6 +38,7 @@ from pcalib.fitting.sufficiency import require_enough, require_order, require_re
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.fitting.warnings import cautions
 from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Model
+from pcalib.posterior import Posterior
 from pcalib.robot import Robot
 
 _ROUNDING = 1e-9
@@ -147,8 +148,9 @@ def _conclude(task: Task, state: State, data: Measurements, ident: Identifiabili
     """The fit that a search ended with, its residuals on all rows and its warnings."""
     unknowns, chosen, g = task.unknowns, task.chosen, task.unknowns.n_geometry
     half = least_squares.root(state.R) * unknowns.scale[chosen][:, None]
-    covariance = np.zeros((len(unknowns.names),) * 2)
-    covariance[np.ix_(chosen, chosen)] = half @ half.T
+    spread = np.zeros((len(unknowns.names), half.shape[1]))
+    spread[chosen] = half
+    covariance = spread @ spread.T
     status, reason, remedy = _verdict(state, ident, expected, task)
 
     fitted, held = ~data.check, data.check
@@ -164,8 +166,9 @@ def _conclude(task: Task, state: State, data: Measurements, ident: Identifiabili
         taken = float(np.sum(information / (1 + information)))
     taken += unknowns.n_effects + unknowns.n_registration
 
+    fitted_noise = _noise_left(error[fitted], noise.take(fitted), taken)
     found = Fit(
-        candidate=_with_sigma(state.model, unknowns, covariance),
+        candidate=_with_sigma(state.model, unknowns, covariance, spread[: g + unknowns.n_effects], fitted_noise),
         status=status,
         reason=reason,
         remedy=remedy,
@@ -214,8 +217,27 @@ def _verdict(state: State, ident: Identifiability, expected: int, task: Task) ->
     return "converged", "", ""
 
 
-def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray) -> Model:
-    """The model with 1σ of geometry and effects attached."""
+def _noise_left(error: np.ndarray, noise: Noise, taken: float) -> np.ndarray:
+    """(2,) σ of positions and of rotations in residuals (N, 6) over the stated ones; 1 where none are measured."""
+    seen = noise.measured & ~np.isnan(error)
+    spare = 1 - min(taken / max(int(seen.sum()), 1), 0.95)
+    out = np.ones(2)
+    for c, part in enumerate((slice(0, 3), slice(3, 6))):
+        off = (error / noise.sigma)[:, part][seen[:, part]]
+        if len(off):
+            out[c] = max(float(np.sqrt(np.mean(off**2) / spare)), 1e-3)
+    return out
+
+
+def _with_sigma(
+    model: Model, unknowns: Unknowns, covariance: np.ndarray, half: np.ndarray, noise: np.ndarray
+) -> Model:
+    """The model with 1σ and covariance of geometry and effects attached.
+
+    Args:
+        half: (n_geometry + n_effects, r) factor of the covariance of geometry and effects.
+        noise: (2,) σ of positions and rotations that the fit left, over the stated ones.
+    """
     g, basis = unknowns.n_geometry, unknowns.basis
     sigma = np.full(len(model.k), np.nan)
     moved = np.abs(basis * unknowns.scale[:g]).max(axis=1, initial=0.0)
@@ -226,6 +248,11 @@ def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray) -> Mod
     for fitted in model.effects:
         effects.append(replace(fitted, sigma=each[i : i + len(fitted.theta)]))
         i += len(fitted.theta)
-    return replace(model, sigma=sigma, effects=tuple(effects))
+    free = len(unknowns.keep)
+    rows = np.r_[np.flatnonzero(unknowns.keep), free + np.arange(unknowns.n_effects)]
+    whole = np.zeros((free + unknowns.n_effects, half.shape[1]))
+    whole[rows] = half
+    fitted = replace(model, sigma=sigma, effects=tuple(effects))
+    return replace(fitted, posterior=Posterior.of(fitted.unknowns, whole, noise))
 
 
