@@ -44,8 +44,8 @@ def write(path: Path, model: Model, sources: Sequence[Path], found: Sequence[Cha
         Section("Parts", [
             Figure(
                 drawn(labels, found),
-                "Change of each part on its own since the session of the model, with bars of 2σ. Changes inside the band "
-                "are found less than nine times out of ten.",
+                "Change of each part on its own since the session of the model, with bars of 2σ. A change inside the "
+                "band is found less than nine times out of ten.",
                 "Control charts of motor zeros and rod lengths over the sessions.",
             )
         ]),

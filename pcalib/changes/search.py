@@ -14,12 +14,14 @@ from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.candidates import Candidate, candidates
 from pcalib.diagnosis.hypothesis import Hypothesis, Kind
 from pcalib.diagnosis.patterns import Cell, cells, patterns
-from pcalib.diagnosis.screen import Group, Noise, Screen, Search, project_out, screen, smallest_seen, span
+from pcalib.diagnosis.screen import Group, Known, Screen, Search, project_out, screen, smallest_seen, span
 from pcalib.errors import InputError
 from pcalib.model import Model
 
 SLIPPERY = 3
 """Most directions of a part that may slip within a session: zeros, single joints and rods, and the frame's place."""
+WIDE = 6
+"""Most directions of a part that counts as one change: a rigid motion, or two ball joints."""
 EDGE = 3
 """Rows before and after a slip that it takes to tell it from outliers."""
 SPLITS = 160
@@ -206,7 +208,7 @@ class _Asked:
             size = np.full(pattern.columns.shape[-1], pattern.size)
             name = f"{pattern.channel} × {pattern.variable}"
             groups.append(Group(name, new.whitened(pattern.columns), size, search=pattern.search))
-        known = Noise(np.zeros(len(new.y), int), np.array([np.inf]))
+        known = Known(np.zeros(len(new.y), int), np.array([np.inf]))
         made = screen(new.y, new.frame, groups, known, seed=seed)
         return cls(new, tuple(found), tuple(where), omnibus, made)
 
@@ -300,10 +302,14 @@ def _search(best: np.ndarray, d: int) -> Search:
 def _explanations(
     asked: _Asked, null: np.ndarray, same_setup: bool, against: tuple[float, float]
 ) -> list[Explanation]:
-    """The smallest adequate sets, single changes first, then pairs; the best BIC first."""
+    """The smallest adequate sets, single changes first, then pairs; the best BIC first.
+
+    A part with very many directions, as the plate with all its joints, stands beside the pairs: it can imitate them.
+    """
     screened, n = asked.screen, len(asked.candidates)
     gains = [float(np.sum((b.T @ screened.y) ** 2)) for b in screened.blocks[:n]]
-    order = sorted((g for g in range(n) if screened.visible[g]), key=lambda g: len(asked.candidates[g].scale))
+    every = sorted((g for g in range(n) if screened.visible[g]), key=lambda g: len(asked.candidates[g].scale))
+    order = [g for g in every if len(asked.candidates[g].scale) <= WIDE]
     names = [c.name for c in asked.candidates] + [""] * (len(screened.blocks) - n)
     reference = float(np.quantile(null, against[0]))
     found = adequacy.adequate_sets(screened, order, 1, against[0], reference, names)
@@ -317,6 +323,7 @@ def _explanations(
         return _ordered(single)
     reference = float(np.quantile(null, against[1]))
     found = adequacy.adequate_sets(screened, order, 2, against[1], reference, names)
+    found += adequacy.adequate_sets(screened, [g for g in every if g not in order], 1, against[0], reference, names)
     return _ordered([_explained(asked, chosen) for chosen in found])
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.candidates import Candidate
 from pcalib.diagnosis.problem import Problem
-from pcalib.diagnosis.screen import INVISIBLE, LARGE, NUISANCE, Group, Noise, Screen, project_out, screen, span
+from pcalib.diagnosis.screen import INVISIBLE, LARGE, NUISANCE, Group, Known, Screen, project_out, screen, span
 from pcalib.laws.channels import Channel
 from pcalib.laws.functions import Term
 from pcalib.laws.grammar import EACH, Law, laws, sharings
@@ -178,7 +178,7 @@ class _Search:
         for c, dof in enumerate(made.noise.dof):  # the doubt about the noise level belongs to the noise
             if np.isfinite(dof):
                 z[made.classes == c] *= np.sqrt(dof / rng.chisquare(dof, DRAWS)).astype(np.float32)
-        base = screen(made.y, made.nuisance, [], Noise(made.classes, made.noise.dof), n_draws=1)
+        base = screen(made.y, made.nuisance, [], Known(made.classes, made.noise.dof), n_draws=1)
         return cls(made, project_out(made.y, U), project_out(z, U.astype(np.float32)), U, base.p_value)
 
     def outside(self, columns: np.ndarray) -> np.ndarray:
@@ -372,7 +372,7 @@ class _Judge:
             Group(law.words(), made.whitened(_columns(made, law)), np.full(law.columns, law.channel.size))
             for law in every
         ]
-        noise = Noise(made.classes, made.noise.dof)
+        noise = Known(made.classes, made.noise.dof)
         from_rest = made.noise.source == "residuals" or made.noise.pooled
         whole = screen(made.y, made.nuisance, [*made.groups, *groups], noise, from_rest=from_rest, seed=self.seed)
         named = {id(c): i for i, c in enumerate(made.candidates)}
