@@ -30,7 +30,7 @@ CONNECT = 10.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Run:
     """What a run did."""
 
     results: Path
@@ -62,7 +62,7 @@ def run(
     say: Callable[[str], None] = lambda text: None,
     *,
     renew: bool = False,
-) -> Outcome:
+) -> Run:
     """Bring a study to its end, from wherever it stands.
 
     Args:
@@ -105,7 +105,7 @@ def run(
                 progress(-sum(map(len, todo)))
         except KeyboardInterrupt:
             raise Interrupted(kept.kept()) from None
-        return Outcome(kept.results, done, seconds, workers)
+        return Run(kept.results, done, seconds, workers)
 
 
 def _require_ours(of: Study, trials: range, content: bytes) -> None:

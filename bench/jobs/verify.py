@@ -10,11 +10,12 @@ import numpy as np
 
 from bench import truth as truths
 from bench.commands import REFERENCE_TEMPERATURE, TEMPERATURES, Commands
-from bench.jobs import iso9283
+from bench.jobs import alignment
 from bench.truth import Truth
 from pcalib import compensation, modelfile, workspace
 from pcalib.data import targets
 from pcalib.errors import InputError, ReachError
+from pcalib.iso9283 import PoseFigures, pose_figures
 from pcalib.ladder import tool_label
 from pcalib.model import Model
 from pcalib.prediction import Conditions
@@ -35,7 +36,6 @@ class Task:
     """(P, 3, 3), for robots that command orientation; None: level."""
     conditions: Conditions
     """Tool and payload of every target, and the columns that its file gives."""
-
 
 
 def grid_task(robot: Robot, tool: np.ndarray, payload: float = 0.0) -> Task:
@@ -91,7 +91,7 @@ class Verification:
     """(cycles, P, 3) [m]; NaN where a target was refused or not reached."""
     status: np.ndarray
     """(cycles, P) 'ok' or why not: by the compensation ('outside_workspace' …) or by MuJoCo ('joint_limit' …)."""
-    accuracy: iso9283.Accuracy
+    accuracy: PoseFigures
     cycles: int
     """How many were asked for."""
     alike: bool
@@ -179,8 +179,8 @@ def run(
         if (said == "ok").any(axis=0).sum() < 3:
             problem = "fewer than three targets were reached: no rigid motion can be taken out"
             raise ReachError(f"{problem}\n  give targets within reach, or leave out --align")
-        found = iso9283.align(found, task.position)
-    return Verification(task, found, said, iso9283.accuracy(found, task.position), cycles, alike)
+        found = alignment.align(found, task.position)
+    return Verification(task, found, said, pose_figures(found, task.position), cycles, alike)
 
 
 def approach(generator: np.random.Generator, n: int, actuators: int) -> dict[str, np.ndarray]:

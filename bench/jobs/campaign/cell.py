@@ -15,7 +15,7 @@ from bench import plan as plans
 from bench.instrument import Instrument
 from bench.jobs import methods as ladder
 from bench.jobs.campaign import geometry
-from bench.jobs.campaign.geometry import Geometry
+from bench.jobs.campaign.geometry import GeometryErrors
 from bench.jobs.campaign.random_faults import RandomFault
 from bench.jobs.methods import Method
 from pcalib import compensation, effects, settings, units
@@ -132,7 +132,7 @@ class Cell:
     """What one combination of the sweeps' values asks for."""
 
     robot: Robot
-    geometry: Geometry
+    geometry: GeometryErrors
     poses: Poses
     instrument: Instrument
     faults: tuple[RandomFault, ...]

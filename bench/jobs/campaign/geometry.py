@@ -45,7 +45,7 @@ _APART = ("group", "errors", "file", "robots")
 
 
 @dataclass(frozen=True, eq=False)
-class Geometry:
+class GeometryErrors:
     """The distribution of geometric errors."""
 
     distribution: str
@@ -73,7 +73,7 @@ def load_listed(path: Path) -> list[dict[str, float]]:
     return [{name: values[row] for name, values in numbers.items()} for row in range(len(content))]
 
 
-def read(table: Mapping[str, Any], robot: Robot) -> Geometry:
+def read(table: Mapping[str, Any], robot: Robot) -> GeometryErrors:
     """[geometry] with its groups, errors and listed robots.
 
     Raises:
@@ -88,10 +88,11 @@ def read(table: Mapping[str, Any], robot: Robot) -> Geometry:
     if (values["distribution"] == "listed") != ("robots" in table):
         raise InputError('[geometry] distribution = "listed" and file = "…" go together', column="distribution")
     if "robots" not in table:
-        return Geometry(values["distribution"], sigma, common)
+        return GeometryErrors(values["distribution"], sigma, common)
     if sigma.any():
         raise InputError('[geometry] distribution = "listed" draws nothing: leave out the σ', column="distribution")
-    return Geometry("listed", sigma, common, np.array([truth.listed_errors(robot, row) for row in table["robots"]]))
+    listed = np.array([truth.listed_errors(robot, row) for row in table["robots"]])
+    return GeometryErrors("listed", sigma, common, listed)
 
 
 def _grouped(groups: Any, robot: Robot) -> dict[int, float]:

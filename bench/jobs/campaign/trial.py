@@ -18,7 +18,7 @@ import numpy as np
 from bench import batch, simulate
 from bench.batch import BatchMachine
 from bench.commands import Commands, Landing
-from bench.jobs import iso9283
+from bench.jobs import alignment
 from bench.jobs.campaign import samples
 from bench.jobs.campaign.cell import Cell
 from bench.jobs.campaign.spec import Spec
@@ -231,7 +231,7 @@ def _judged(shared: Stand, landing: Landing, aligned: bool) -> Landing:
         if landing.ok[here].sum() < 3:
             status[here][landing.ok[here]] = UNALIGNED
             continue
-        turn, shift = iso9283.motion(tcp[None, here], goals[here])
+        turn, shift = alignment.motion(tcp[None, here], goals[here])
         tcp[here], R[here] = tcp[here] @ turn.T + shift, turn @ R[here]
     return Landing(landing.x, R, tcp, status)
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.jobs import charts
 from bench.jobs.diagnosis_benchmark.results import OTHER, Results
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STYLE: Any = {
-    "font.size": 9, "axes.titlesize": 10.5, "axes.titleweight": "bold", "axes.titlelocation": "left",
-    "axes.spines.top": False, "axes.spines.right": False, "lines.linewidth": 1.8, "lines.markersize": 5,
-    "legend.frameon": False,
+STYLE = charts.STYLE | {
+    "axes.titlesize": 10.5, "axes.titleweight": "bold", "axes.grid": False,
+    "lines.linewidth": 1.8, "lines.markersize": 5,
 }  # fmt: skip
 DESIGNS = {
     "rich": ("rich plan, full poses", "#0072B2", "o"),
@@ -27,27 +27,17 @@ DESIGNS = {
 
 def save(found: Results, folder: Path) -> list[Path]:
     """Draw the figures into a folder as PNG."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    with plt.rc_context(STYLE):
-        for name, draw in {"diagnosis_power": power, "diagnosis_confusion": confusion}.items():
-            figure = draw(found)
-            paths.append(folder / f"{name}.png")
-            figure.savefig(paths[-1], dpi=110, metadata={"Software": None})
-            plt.close(figure)
-    return paths
+    drawn = {
+        "diagnosis_power": lambda figure: power(figure, found),
+        "diagnosis_confusion": lambda figure: confusion(figure, found),
+    }
+    return charts.save(drawn.items(), folder, (".png",), STYLE)
 
 
-def power(found: Results) -> Figure:
+def power(figure: Figure, found: Results) -> None:
     """Share of data sets in which the truth is named, against its visible size."""
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(10.5, 4.2), sharey=True, layout="constrained")
+    figure.set_size_inches(10.5, 4.2)
+    axes = figure.subplots(1, 2, sharey=True)
     for axis in axes:
         axis.axhline(90, color="#999999", linewidth=0.8, linestyle="--")
         axis.axvline(6, color="#999999", linewidth=0.8, linestyle="--")
@@ -67,16 +57,15 @@ def power(found: Results) -> Figure:
     axes[1].annotate("5 % of false alarms", (0, 5), (1.2, 12), fontsize=8, color="#666666",
                      arrowprops={"arrowstyle": "-", "color": "#999999"})  # fmt: skip
     axes[0].legend(loc="lower right")
-    return figure
 
 
-def confusion(found: Results) -> Figure:
+def confusion(figure: Figure, found: Results) -> None:
     """Answers by truth."""
-    from matplotlib import pyplot as plt
     from matplotlib.patches import Rectangle
 
     c = found.confusion()
-    figure, axis = plt.subplots(figsize=(9.6, 8.6), layout="constrained")
+    figure.set_size_inches(9.6, 8.6)
+    axis = figure.subplots()
     axis.imshow(100 * c.share, cmap="Blues", vmin=0, vmax=100, aspect="auto")
     listed = len(c.columns) - len(OTHER)
     for (i, j), share in np.ndenumerate(c.share):
@@ -97,4 +86,3 @@ def confusion(found: Results) -> Figure:
     axis.set_title("What is answered, in % of data sets with s from 6 to 12 (all designs); framed: right")
     axis.spines[:].set_visible(False)
     axis.tick_params(length=0)
-    return figure

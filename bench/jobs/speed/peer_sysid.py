@@ -38,7 +38,7 @@ STEPS = 60
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ToolboxFit:
     """What the toolbox found."""
 
     k: np.ndarray
@@ -54,7 +54,7 @@ def missing() -> str:
     return "" if hasattr(sysid, "optimize") else "mujoco.sysid is not installed: pip install 'mujoco-core[sysid]'"
 
 
-def by_closure(robot: Robot, data: Measurements, optimizer: str = "mujoco") -> Outcome:
+def by_closure(robot: Robot, data: Measurements, optimizer: str = "mujoco") -> ToolboxFit:
     """Fit all raw parameters to full poses, residual: apparent rod-length errors at the measured poses."""
     mechanism = robot.mechanism
     prior, sigma = priors(mechanism.units), data.sigma[:, :1]
@@ -66,7 +66,7 @@ def by_closure(robot: Robot, data: Measurements, optimizer: str = "mujoco") -> O
     return _optimize(robot, whitened, optimizer)
 
 
-def by_settling(robot: Robot, data: Measurements, optimizer: str = "mujoco", steps: int = STEPS) -> Outcome:
+def by_settling(robot: Robot, data: Measurements, optimizer: str = "mujoco", steps: int = STEPS) -> ToolboxFit:
     """Fit all raw parameters to full poses, residual: readings of a simulation that has come to rest."""
     from mujoco import sysid
 
@@ -113,7 +113,7 @@ def by_settling(robot: Robot, data: Measurements, optimizer: str = "mujoco", ste
     return _run(robot, residual, optimizer)
 
 
-def _optimize(robot: Robot, whitened, optimizer: str) -> Outcome:
+def _optimize(robot: Robot, whitened, optimizer: str) -> ToolboxFit:
     def residual(x: np.ndarray, _params):
         columns = np.stack([whitened(z) for z in x.reshape(len(x), -1).T], axis=1)
         return [columns if x.ndim > 1 else columns[:, 0]], [], []
@@ -121,7 +121,7 @@ def _optimize(robot: Robot, whitened, optimizer: str) -> Outcome:
     return _run(robot, residual, optimizer)
 
 
-def _run(robot: Robot, residual, optimizer: str) -> Outcome:
+def _run(robot: Robot, residual, optimizer: str) -> ToolboxFit:
     """The toolbox on a residual (M,) or (M, columns), with the priors as further residuals."""
     from mujoco import sysid
 
@@ -137,7 +137,7 @@ def _run(robot: Robot, residual, optimizer: str) -> Outcome:
     unknowns = sysid.ParameterDict({"z": sysid.Parameter("z", np.zeros(n), np.full(n, -RANGE), np.full(n, RANGE))})
     with redirect_stdout(StringIO()):  # its optimisers print every iteration
         _, result = sysid.optimize(unknowns, with_priors, optimizer=optimizer, verbose=False)
-    return Outcome(robot.mechanism.nominal + prior * result.x, count)
+    return ToolboxFit(robot.mechanism.nominal + prior * result.x, count)
 
 
 def _simulation(robot: Robot) -> tuple[mujoco.MjSpec, mujoco.MjModel]:

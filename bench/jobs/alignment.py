@@ -1,0 +1,29 @@
+"""The rigid motion that best lays attained positions on wanted ones, for models of an unknown measuring frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pcalib import rotation
+from pcalib.iso9283 import barycentre
+
+
+def align(attained: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Attained positions (n, P, 3) after the :func:`motion` that best lays them on the wanted ones (P, 3)."""
+    R, t = motion(attained, wanted)
+    return attained @ R.T + t
+
+
+def motion(attained: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R (3, 3) and t (3,) [m]: R·p + t best lays the barycentres of attained positions (n, P, 3) on wanted ones (P, 3).
+
+    Raises:
+        ValueError: fewer than three poses were attained.
+    """
+    seen = ~np.isnan(attained[..., 0]).all(axis=0)
+    if seen.sum() < 3:
+        raise ValueError("a rigid motion needs three poses at least")
+    middle = barycentre(attained[:, seen])
+    a, b = middle.mean(axis=0), wanted[seen].mean(axis=0)
+    R = rotation.laying(middle - a, wanted[seen] - b)
+    return R, b - R @ a
