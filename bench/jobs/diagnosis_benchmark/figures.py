@@ -19,9 +19,9 @@ STYLE = charts.STYLE | {
 }  # fmt: skip
 DESIGNS = {
     "rich": ("rich plan, full poses", "#0072B2", "o"),
-    "rich-position": ("rich plan, positions only", "#56B4E9", "s"),
+    "rich_position": ("rich plan, positions only", "#56B4E9", "s"),
     "plain": ("plain plan, full poses", "#D55E00", "^"),
-    "plain-position": ("plain plan, positions only", "#E69F00", "v"),
+    "plain_position": ("plain plan, positions only", "#E69F00", "v"),
 }
 
 

@@ -13,28 +13,18 @@ import numpy as np
 from cyclopts import Parameter
 
 from bench import pool
-from bench.jobs.diagnosis_benchmark import cells as asked
-from bench.jobs.diagnosis_benchmark import figures, trial
-from bench.jobs.diagnosis_benchmark import rows as made_by
-from bench.jobs.diagnosis_benchmark.cells import Cell
+from bench.jobs.diagnosis_benchmark import figures
+from bench.jobs.diagnosis_benchmark import rows as known
 from bench.jobs.diagnosis_benchmark.results import Results
-from bench.jobs.diagnosis_benchmark.rows import Outcome
-from bench.jobs.diagnosis_benchmark.trial import Trial
-from bench.jobs.hidden.grading import Line
 from pcalib import files, modelfile
 from pcalib import robot as robots
 from pcalib.cli import frame
 from pcalib.data import measurement
-from pcalib.errors import InputError, unknown
+from pcalib.errors import InputError
 
-ROOT = Path(__file__).resolve().parents[3]
 WORKERS = 2
 SHOWN = 4
 """Data sets that are named for each bound they speak against."""
-
-
-PARTS = ("none", "single", "pair", "outside", "add")
-"""Rows of hidden faults; the others are files of `rows`."""
 
 
 def command(
@@ -45,100 +35,62 @@ def command(
 ) -> int:  # fmt: skip
     """Hide effects in MuJoCo's robots, diagnose the data, and compare the rates with the bounds.
 
-    Nothing, one effect, two, and effects of no library, at visible sizes from 3 to 20 noise units; rich and plain
-    plans, full poses and positions only, noise stated right and wrong. Then effects are added, and the compensated
-    robots land in MuJoCo with their faults still in them. Further rows: noise as instruments make it, steps, held-out
-    rows that must be heard, agreement of the commands, coverage of intervals. Exit code 1 where a bound is missed by
-    more than chance.
+    Rows: `noise` (nothing hidden, noise as instruments make it), `hidden` (one effect, two, and effects of no library,
+    at visible sizes from 3 to 20 noise units), `added` (effects are added, and the compensated robots land in MuJoCo
+    with their faults still in them), `steps`, `held_out` (rows that must be heard), `agreement` of the commands,
+    `coverage` of intervals, `random_laws` and `proposals` of laws. Exit code 1 where a bound is missed by more than
+    chance.
 
     Args:
         seed: The same seed gives the same data.
         out: Folder for the figures, and for the data set of --replay.
-        robot: Robot file for hidden faults; the default Delta where absent.
+        robot: Robot file for the rows hidden and added; the default Delta where absent.
         workers: Processes.
-        rows: Only these rows: none, single, pair, outside, add, noise, steps, held_out, agreement, coverage …; or one
-            variant of a row, such as noise.correlated.
-        n: Only so many data sets of each variant of a row.
+        rows: Only these rows, or variants of a row, such as noise.correlated or hidden.pair.
+        n: Only so many data sets of each variant.
         replay: Write one data set by its name, such as noise.white/7#2, with its model and robot, and diagnose nothing.
-        quick: A few data sets, to see that everything runs.
+        quick: One data set of each variant, to see that everything runs.
     """
     if workers < 1 or seed < 0 or (n is not None and n < 1):
         raise InputError(f"--workers {workers} --seed {seed} -n {n}: use positive numbers")
+    nominal = "" if robot is None else robots.load(robot).text
     if replay is not None:
-        return _replayed(replay, seed, out)
-    tried = robots.load(robot or ROOT / "models" / "delta.toml")
-    cells = [cell for cell in asked.cells(tried, quick) if not rows or cell.part in rows]
-    for name in rows:
-        if name not in PARTS and name.partition(".")[0] not in made_by.names():
-            raise InputError(f"--rows: {unknown('row', name, [*PARTS, *made_by.names()])}")
-    tasks = made_by.tasks([r for r in rows if r not in PARTS] if rows else made_by.names(), 1 if quick else n)
-    begun = time.monotonic()
-    found: list[Trial] = []
-    outcomes: list[Outcome] = []
-    with frame.progress("diagnoses", sum(c.trials for c in cells) + sum(t.sets for t in tasks)) as advance:
-        for cell, trials in zip(cells, pool.ordered(partial(_one, tried.text, seed), cells, workers), strict=True):
-            found += trials
-            advance(cell.trials)
-        for task, judged in zip(tasks, pool.ordered(partial(made_by.run, seed=seed), tasks, workers), strict=True):
+        made = known.replay(replay, seed, nominal)
+        out.mkdir(parents=True, exist_ok=True)
+        measurement.save(out / "data.csv", made.data)
+        modelfile.save(out / "model.toml", made.model)
+        files.write_text(out / "robot.toml", made.model.robot.text)
+        frame.say(f"{out}: data.csv, model.toml and robot.toml of {replay} ({made.about})")
+        return frame.OK
+    tasks = known.tasks(rows or known.names(), 1 if quick else n, nominal)
+    begun, outcomes = time.monotonic(), []
+    with frame.progress("data sets", sum(task.sets for task in tasks)) as advance:
+        for task, judged in zip(tasks, pool.ordered(partial(known.run, seed=seed), tasks, workers), strict=True):
             outcomes += judged
             advance(task.sets)
-    results = Results(tuple(found), seed, time.monotonic() - begun)
-    lines = [*results.lines, *made_by.lines(outcomes)]
-    show(results, lines, len(outcomes))
-    _show_outcomes(outcomes)
+    results = Results(tuple(outcomes), seed, time.monotonic() - begun)
+    show(results)
     if not rows and not quick:
         for path in figures.save(results, out):
             print(path)
-    content = results.to_json()
-    content["bounds"] = [line.to_json() for line in lines]
-    frame.write_json(json, content | {"sets": [outcome.to_json() for outcome in outcomes]})
-    broken = [line for line in lines if line.verdict == "falls short"]
+    frame.write_json(json, results.to_json())
+    broken = [line for line in results.lines if line.verdict == "falls short"]
     return frame.NOT_HELD if broken and not quick else frame.OK
 
 
-def _one(text: str, seed: int, cell: Cell) -> list[Trial]:
-    return trial.run(robots.parse(text, "robot"), seed, cell)
-
-
-def _replayed(name: str, seed: int, out: Path) -> int:
-    made = made_by.replay(name, seed)
-    out.mkdir(parents=True, exist_ok=True)
-    measurement.save(out / "data.csv", made.data)
-    modelfile.save(out / "model.toml", made.model)
-    files.write_text(out / "robot.toml", made.model.robot.text)
-    frame.say(f"{out}: data.csv, model.toml and robot.toml of {name} ({made.about})")
-    return frame.OK
-
-
-def _show_outcomes(outcomes: Sequence[Outcome]) -> None:
-    """Print the sets that speak against a bound, the first of each line."""
-    rows = []
-    for line in made_by.lines(outcomes):
-        if not line.n:
-            continue
-        key = line.name.rpartition(".")[2]
-        mine = [o for o in outcomes if line.name.startswith(o.name.partition("/")[0] + ".")]
-        against = [o for o in mine if o.hits.get(key) is line.at_most]
-        rows += [(o.name, key, o.about, o.said) for o in against[:SHOWN]]
-    if rows:
-        frame.show_table(("data set (--replay)", "against", "what is in it", "what was said"), rows)
-
-
-def show(found: Results, lines: Sequence[Line], sets: int = 0) -> None:
+def show(found: Results) -> None:
     """Print the tables."""
-    lines = [line for line in lines if line.n]
-    held = sum(line.holds for line in lines)
-    frame.say(
-        f"{len(found.trials) + sets} data sets in {found.seconds / 60:.1f} minutes; {held} of {len(lines)} bounds hold"
-        + "".join(f"; {line.verdict}: {line.name}" for line in lines if not line.holds)
-        + "."
-    )
+    lines = found.lines
+    bound = [line for line in lines if line.verdict != "for comparison"]
+    held = sum(line.holds for line in bound)
+    took = f"{len(found.outcomes)} data sets in {found.seconds / 60:.1f} minutes"
+    frame.say(f"{took}; {held} of {len(bound)} bounds hold.")
     frame.show_table(
         ("", "bound", "figure", "±σ", "of", "verdict"),
         [
             (
                 line.what,
-                "" if line.verdict == "for comparison" else f"{'≤' if line.at_most else '≥'} {100 * line.bound:g} %",
+                f"{'≤' if line.at_most else '≥'} {100 * line.bound:g} %" if line in bound else "",
                 f"{100 * line.rate:.1f} %",
                 f"{100 * line.sigma:.1f}",
                 line.n,
@@ -147,9 +99,8 @@ def show(found: Results, lines: Sequence[Line], sets: int = 0) -> None:
             for line in lines
         ],
     )
-    if found.of("single"):
-        designs = list(dict.fromkeys(t.cell.design for t in found.of("single")))
-        effects = sorted({e for t in found.of("single") for e in t.grade.facts.effects})
+    if designs := found.designs():
+        effects = sorted({e for _, g in found.of("hidden", "single") for e in g.facts.effects})
         _show_power("Power by design", {design: found.power([design]) for design in designs})
         _show_power("Power by effect, all designs", {effect: found.power(designs, effect) for effect in effects})
     added = found.to_json()["added"]
@@ -170,20 +121,17 @@ def show(found: Results, lines: Sequence[Line], sets: int = 0) -> None:
             ],
             title="Effects added, and the robot compensated with them",
         )
-    wrong = found.mistakes()
-    if wrong:
-        frame.show_table(
-            ("design", "hidden", "s", "established"),
-            [
-                (t.cell.design, " + ".join(t.grade.facts.faults) or "nothing", f"{t.grade.facts.size:.1f}",
-                 ", ".join(t.grade.answer.established))
-                for t in wrong
-            ],
-            title="Called established, and not there",
-        )  # fmt: skip
-    seconds = [t.seconds for t in found.trials if t.seconds]
-    if seconds:
-        print(f"one diagnosis takes {np.median(seconds):.2f} s (median), {np.max(seconds):.2f} s at most")
+    against = [
+        (o.name, key, o.about, o.said.words)
+        for row in known.names()
+        for key, asked in known.get(row).bounds.items()
+        if asked.bound == asked.bound
+        for o in [o for o in found.outcomes if o.task.row == row and o.said.hits.get(key) is asked.at_most][:SHOWN]
+    ]
+    if against:
+        header = ("data set (--replay)", "against", "what is in it", "what was said")
+        frame.show_table(header, against, title="Data sets that speak against a bound")
+    print(f"one data set takes {np.median([o.seconds for o in found.outcomes]):.2f} s (median) to judge")
 
 
 def _show_power(title: str, curves: Mapping[str, Sequence[tuple[float, float, float, int]]]) -> None:

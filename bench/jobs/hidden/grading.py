@@ -103,6 +103,15 @@ class Grade:
         """Whether it says that nothing known explains the data."""
         return self.answer.verdict == "unexplained"
 
+    def to_json(self) -> dict[str, Any]:
+        """The facts, the answer and the grade."""
+        return {
+            "kind": self.facts.kind, "truth": list(self.facts.effects), "faults": list(self.facts.faults),
+            "s": self.facts.size, "s_outside": self.facts.distance, "verdict": self.answer.verdict,
+            "established": list(self.answer.established), "adequate": [list(n) for n in self.answer.adequate],
+            "grade": self.words,
+        }  # fmt: skip
+
     @property
     def words(self) -> str:
         """One word for a table."""

@@ -143,6 +143,11 @@ class Stage:
             for f in self.known
         )
 
+    @property
+    def start(self) -> Model:
+        """What the user's fit starts from: the nominal geometry, with the effects that are known."""
+        return replace(Model.nominal(self.robot), effects=self.effects)
+
     def _exact(self, hidden: Sequence[Fault], landing: Landing) -> Measurements:
         data = simulate.run(self.truth(hidden, noisy=False), self.plan, machine=Replay(landing)).measurements
         sigma = np.where([True] * 3 + [False] * 3, self.design.sigma_pos, self.design.sigma_rot)

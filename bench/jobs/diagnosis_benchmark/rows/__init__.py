@@ -10,16 +10,19 @@ from __future__ import annotations
 import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from bench.jobs.hidden.grading import Line
+from bench.jobs.hidden.grading import Grade, Line
 from pcalib.data.measurement import Measurements
 from pcalib.errors import FitError, InputError, unknown
+from pcalib.fitting import identification
 from pcalib.model import Model
 from pcalib.registry import Registry
+from pcalib.robot import Robot
 
 STREAM = 0x7EE7
 
@@ -32,6 +35,8 @@ class Task:
     variant: str
     number: int
     sets: int
+    robot: str = ""
+    """Text of the robot file for rows of hidden faults; empty: the default Delta."""
 
     @property
     def name(self) -> str:
@@ -46,33 +51,68 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Set:
-    """One data set, with the model that the user has of the robot."""
+    """One data set, and from what the user's model of the robot is made."""
 
-    model: Model
+    start: Robot | Model
+    """What the fit of these data starts from."""
     data: Measurements
     about: str
-    """What is in it, for a table."""
-    truth: Mapping[str, Any]
+    """What is in the data, for a table."""
+    truth: Mapping[str, Any] = field(default_factory=dict)
     """Whatever the judgement needs to know."""
+    level: str = "complete"
+    """Geometry level of the fit."""
+    stale: bool = False
+    """Whether the model is `start` as it stands, and not fitted to these data."""
+
+    @cached_property
+    def model(self) -> Model:
+        """The model that the user has.
+
+        Raises:
+            FitError: the fit cannot be used.
+        """
+        if self.stale and isinstance(self.start, Model):
+            return self.start
+        return identification.fit(self.data, self.start, self.level).model
+
+
+@dataclass(frozen=True)
+class Said:
+    """What was said of a set, and whether that was right."""
+
+    words: str
+    hits: Mapping[str, bool]
+    """Bound → whether this set counts as a hit; bounds that do not ask this set are absent."""
+    grade: Grade | None = None
+    """Where a fault of known size is hidden: the diagnosis, judged."""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    """Further numbers of the record."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was said of one set, and whether that was right."""
+    """What came of one set."""
 
-    name: str
+    task: Task
+    number: int
     about: str
-    said: str
-    hits: Mapping[str, bool]
-    """Bound → whether this set counts as a hit; bounds that do not ask this set are absent."""
-    seconds: float
+    said: Said
+    seconds: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """By which the set is found again."""
+        return f"{self.task.name}#{self.number}"
 
     def to_json(self) -> dict[str, Any]:
         """One record."""
-        return {
-            "set": self.name, "about": self.about, "said": self.said, "hits": dict(self.hits),
+        out: dict[str, Any] = {
+            "set": self.name, "about": self.about, "said": self.said.words, "hits": dict(self.said.hits),
             "seconds": round(self.seconds, 3),
         }  # fmt: skip
+        graded = {} if self.said.grade is None else self.said.grade.to_json()
+        return out | graded | dict(self.said.figures)
 
 
 @dataclass(frozen=True)
@@ -97,31 +137,40 @@ class Row:
     bounds: Mapping[str, Bound]
     sets: Callable[[Task, np.random.Generator], Iterator[Set]]
     """The sets of a task: as many as it says, fewer where one cannot be made."""
-    judge: Callable[[Set], tuple[str, Mapping[str, bool]]]
-    """What was said of a set, and its hits by bound."""
-    per_task: int = 5
-    """Data sets of one robot and plan."""
+    judge: Callable[[Set], Said]
+    """What is said of a set; a FitError means that no model can be made, and the set counts for no bound."""
+    per_task: int | Callable[[str, int], int] = 5
+    """Data sets of one robot and plan, or how many a task has by its variant and number."""
+    further: Callable[[Sequence[Outcome]], list[Line]] | None = None
+    """Rates that are no shares of single data sets."""
+
+    def size(self, variant: str, number: int) -> int:
+        """Data sets of one task."""
+        return self.per_task if isinstance(self.per_task, int) else self.per_task(variant, number)
 
     def tasks(self, most: int | None = None) -> list[Task]:
         """All tasks, or as many as give `most` sets per variant."""
         out = []
         for variant, count in self.variants.items():
-            count = count if most is None else min(count, most)
-            for number, start in enumerate(range(0, count, self.per_task)):
-                out.append(Task(self.name, variant, number, min(self.per_task, count - start)))
+            left, number = count if most is None else min(count, most), 0
+            while left > 0:
+                sets = min(self.size(variant, number), left)
+                out.append(Task(self.name, variant, number, sets))
+                left, number = left - sets, number + 1
         return out
 
     def lines(self, outcomes: Sequence[Outcome]) -> list[Line]:
         """Rates against bounds."""
         out = []
         for variant in self.variants:
-            mine = [o for o in outcomes if o.name.startswith(f"{self.name}.{variant}/")]
+            mine = [o for o in outcomes if o.task.variant == variant]
             out += [self._line(key, variant, mine) for key, bound in self.bounds.items() if bound.each]
-        return out + [self._line(key, "", outcomes) for key, bound in self.bounds.items() if not bound.each]
+        out += [self._line(key, "", outcomes) for key, bound in self.bounds.items() if not bound.each]
+        return out + (self.further(outcomes) if self.further is not None else [])
 
     def _line(self, key: str, variant: str, outcomes: Sequence[Outcome]) -> Line:
         bound = self.bounds[key]
-        hits = [o.hits[key] for o in outcomes if key in o.hits]
+        hits = [o.said.hits[key] for o in outcomes if key in o.said.hits]
         name = f"{self.name}.{variant}.{key}" if variant else f"{self.name}.{key}"
         words = bound.what.format(variant.replace("_", " "))
         return Line(name, words, bound.bound, bound.at_most, sum(hits), len(hits))
@@ -131,8 +180,11 @@ ROWS = Registry[Row](__name__, "ROW", "row")
 names, get = ROWS.names, ROWS.get
 
 
-def tasks(wanted: Sequence[str], most: int | None = None) -> list[Task]:
-    """The tasks of rows and of single variants, `noise` or `noise.correlated`.
+def tasks(wanted: Sequence[str], most: int | None = None, robot: str = "") -> list[Task]:
+    """The tasks of rows (`noise`), of a variant (`noise.correlated`), or of variants that begin alike (`hidden.pair`).
+
+    Args:
+        robot: text of the robot file for rows of hidden faults.
 
     Raises:
         InputError: no such row or variant.
@@ -141,37 +193,34 @@ def tasks(wanted: Sequence[str], most: int | None = None) -> list[Task]:
     for name in wanted:
         row, _, variant = name.partition(".")
         found = get(row)
-        if variant and variant not in found.variants:
+        some = [v for v in found.variants if v == variant] or [v for v in found.variants if v.startswith(variant)]
+        if not some:
             raise InputError(unknown(f"variant of row {row}", variant, found.variants))
-        out += [task for task in found.tasks(most) if variant in ("", task.variant)]
+        out += [replace(task, robot=robot) for task in found.tasks(most) if task.variant in some]
     return out
 
 
 def lines(outcomes: Sequence[Outcome]) -> list[Line]:
     """Rates against bounds, of the rows that were asked."""
-    asked = dict.fromkeys(o.name.partition(".")[0] for o in outcomes)
-    return [
-        line
-        for name in asked
-        for line in get(name).lines([o for o in outcomes if o.name.startswith(f"{name}.")])
-        if line.n
-    ]
+    asked = dict.fromkeys(o.task.row for o in outcomes)
+    found = (get(name).lines([o for o in outcomes if o.task.row == name]) for name in asked)
+    return [line for some in found for line in some if line.n]
 
 
 def run(task: Task, seed: int) -> list[Outcome]:
     """Make the sets of a task and judge what is said of them."""
     row, out = get(task.row), []
-    for number, made in enumerate(_sets(row, task, seed)):
+    for number, made in enumerate(row.sets(task, task.generator(seed))):
         begun = time.perf_counter()
         try:
-            said, hits = row.judge(made)
+            said = row.judge(made)
         except FitError as error:
-            said, hits = f"no fit: {error.args[0].splitlines()[0]}", {}
-        out.append(Outcome(f"{task.name}#{number}", made.about, said, hits, time.perf_counter() - begun))
+            said = Said(f"no fit: {error.args[0].splitlines()[0]}", {})
+        out.append(Outcome(task, number, made.about, said, time.perf_counter() - begun))
     return out
 
 
-def replay(name: str, seed: int) -> Set:
+def replay(name: str, seed: int, robot: str = "") -> Set:
     """One set by its name.
 
     Raises:
@@ -183,12 +232,8 @@ def replay(name: str, seed: int) -> Set:
     if not (number.isdigit() and task.isdigit()) or variant not in get(row).variants:
         raise InputError(f"'{name}' names no set", remedy="copy the name from a table, such as noise.white/7#2")
     found = get(row)
-    wanted = Task(row, variant, int(task), found.per_task)
-    for at, made in enumerate(_sets(found, wanted, seed)):
+    wanted = Task(row, variant, int(task), found.size(variant, int(task)), robot)
+    for at, made in enumerate(found.sets(wanted, wanted.generator(seed))):
         if at == int(number):
             return made
     raise InputError(f"'{name}': that task makes no set of this number")
-
-
-def _sets(row: Row, task: Task, seed: int) -> Iterator[Set]:
-    yield from row.sets(task, task.generator(seed))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +12,6 @@ from bench.kinds import MODELS
 from pcalib import robot as robots
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.diagnose import Diagnosis
-from pcalib.fitting import identification
 from pcalib.fitting.linearisation import residuals
 from pcalib.model import Model
 from pcalib.robot import Robot
@@ -31,15 +29,6 @@ def robot(name: str) -> Robot:
 def stage(design: Design, kind: str, rng: np.random.Generator) -> Stage:
     """A random robot of a kind before a random plan."""
     return Stage.draw(design, robot(kind), int(rng.integers(2**31)))
-
-
-def fitted(data: Measurements, nominal: Robot, level: str = "complete", **options) -> Model:
-    """The model that `pcalib fit` makes of data.
-
-    Raises:
-        FitError: it cannot be used.
-    """
-    return identification.fit(data, nominal, level, **options).model
 
 
 def held_out(model: Model, data: Measurements, sigma_pos: float, good: np.ndarray | None = None) -> float:
@@ -62,8 +51,3 @@ def in_words(found: Diagnosis) -> str:
     cell = found.cells[0]
     hottest = f"{cell.channel} by {cell.variable}"
     return f"{found.verdict}: {', '.join(found.established) or sets or hottest}"
-
-
-def with_sigma(data: Measurements, sigma: np.ndarray) -> Measurements:
-    """The data with another stated σ, (6,) or (N, 6) [m, rad]."""
-    return replace(data, sigma=np.broadcast_to(sigma, data.sigma.shape).copy())

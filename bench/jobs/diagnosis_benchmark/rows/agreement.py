@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
-from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
-from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, fitted, in_words, stage
+from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
+from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, in_words, stage
 from bench.jobs.hidden.catalogue import CATALOGUE, LISTED
 from bench.jobs.hidden.design import DESIGNS
 from pcalib.diagnosis import steps
@@ -26,7 +26,7 @@ def _hidden(task: Task, rng: np.random.Generator) -> Iterator[Set]:
         fault = what.draw(there.robot, rng, uneven=bool(rng.random() < 0.3))
         sized = there.scaled(fault, float(np.exp(rng.uniform(*np.log(SIZES)))), what.effect)
         data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
-        yield Set(fitted(data, there.robot), data, f"{what.name}, s {sized.size:.1f}", {})
+        yield Set(there.robot, data, f"{what.name}, s {sized.size:.1f}")
 
 
 def _nothing(task: Task, rng: np.random.Generator) -> Iterator[Set]:
@@ -34,7 +34,7 @@ def _nothing(task: Task, rng: np.random.Generator) -> Iterator[Set]:
     there = stage(DESIGNS["rich"], kind, rng)
     for _ in range(task.sets):
         data = there.measure((), there.reference, int(rng.integers(2**31)))
-        yield Set(fitted(data, there.robot), data, f"{kind}, nothing", {})
+        yield Set(there.robot, data, f"{kind}, nothing")
 
 
 def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
@@ -72,9 +72,9 @@ def contradictions(made: Set) -> tuple[str, list[str]]:
     return in_words(found), out
 
 
-def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
+def _judge(made: Set) -> Said:
     said, against = contradictions(made)
-    return "; ".join([said, *against]), {"contradiction": bool(against)}
+    return Said("; ".join([said, *against]), {"contradiction": bool(against)})
 
 
 ROW = Row(

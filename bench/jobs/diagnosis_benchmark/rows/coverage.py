@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from bench import plan as plans
-from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
+from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
 from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, stage
 from bench.jobs.hidden.design import DESIGNS, Design
 from pcalib.data.measurement import Measurements
 from pcalib.fitting import identification
 from pcalib.fitting.linearisation import linearise
-from pcalib.model import Model
+from pcalib.robot import Robot
 
 SURE = 0.95
 TOOL = np.array([0.0, 0.0, -0.1])
@@ -60,19 +60,19 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
         else:
             data = replace(data, sigma=data.sigma * variant.stated)
         asked = plans.make(there.robot, "random", 1, seed=int(rng.integers(2**31))).commands.q
-        yield Set(Model.nominal(there.robot), data, kind, {"q": asked, "tcp": machine.land(asked, TOOL).tcp,
-                                                          "k": there.model.k})  # fmt: skip
+        yield Set(there.robot, data, kind, {"q": asked, "tcp": machine.land(asked, TOOL).tcp})
 
 
-def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
-    fit = identification.fit(made.data, made.model.robot, "complete")
+def _judge(made: Set) -> Said:
+    assert isinstance(made.start, Robot)
+    fit = identification.fit(made.data, made.start)
     q = made.truth["q"]
-    point = Measurements.create(made.model.robot, q, made.truth["tcp"], tool=TOOL, sigma_pos=1.0)
+    point = Measurements.create(made.start, q, made.truth["tcp"], tool=TOOL, sigma_pos=1.0)
     seen = linearise(fit.model, point, fit.unknowns)
     error = seen.residual
     covariance = seen.jacobian @ fit.covariance @ seen.jacobian.T
     distance = float(error @ np.linalg.solve(covariance, error))
-    return f"{np.sqrt(distance):.2f} σ", {"inside": distance <= float(chi2.ppf(SURE, 3))}
+    return Said(f"{np.sqrt(distance):.2f} σ", {"inside": distance <= float(chi2.ppf(SURE, 3))})
 
 
 ROW = Row(

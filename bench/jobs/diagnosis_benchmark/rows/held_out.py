@@ -10,8 +10,8 @@ import numpy as np
 from bench import faults
 from bench import truth as truths
 from bench.commands import Commands
-from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
-from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, fitted, held_out, in_words, stage
+from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
+from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, held_out, in_words, stage
 from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.catalogue import CATALOGUE
 from bench.jobs.hidden.design import DESIGNS
@@ -33,7 +33,7 @@ def _stale(task: Task, rng: np.random.Generator) -> Iterator[Set]:
     """The model of one robot, and data of another, or of the same with one part replaced."""
     kind = KINDS[task.number % len(KINDS)]
     there = stage(RICH, kind, rng)
-    model = fitted(there.measure((), there.reference, int(rng.integers(2**31))), there.robot)
+    model = Set(there.robot, there.measure((), there.reference, int(rng.integers(2**31))), kind).model
     for number in range(task.sets):
         errors = there.errors.copy()
         if number % 2:
@@ -43,7 +43,7 @@ def _stale(task: Task, rng: np.random.Generator) -> Iterator[Set]:
             errors = truths.draw_errors(there.robot, SIGMA_LENGTH, SIGMA_ANGLE, int(rng.integers(2**31)))
             about = f"{kind}, another robot"
         now = Stage(there.design, there.robot, errors, there.plan)
-        yield Set(model, now.measure((), now.land(), int(rng.integers(2**31))), about, {})
+        yield Set(model, now.measure((), now.land(), int(rng.integers(2**31))), about, stale=True)
 
 
 def _outliers(task: Task, rng: np.random.Generator) -> Iterator[Set]:
@@ -54,8 +54,7 @@ def _outliers(task: Task, rng: np.random.Generator) -> Iterator[Set]:
     for _ in range(task.sets):
         made = there.measured((), there.reference, int(rng.integers(2**31)))
         good = ~np.isin(made.kept, made.outlier)
-        model = fitted(made.measurements, there.robot)
-        yield Set(model, made.measurements, f"{kind}, outliers of {size * 1e3:.1f} mm", {"good": good})
+        yield Set(there.robot, made.measurements, f"{kind}, outliers of {size * 1e3:.1f} mm", {"good": good})
 
 
 def _elsewhere(task: Task, rng: np.random.Generator) -> Iterator[Set]:
@@ -74,7 +73,7 @@ def _elsewhere(task: Task, rng: np.random.Generator) -> Iterator[Set]:
     landing = there.land([fault])
     for _ in range(task.sets):
         data = there.measure([fault], landing, int(rng.integers(2**31)))
-        yield Set(fitted(data, there.robot), data, f"{kind}, {name}", {})
+        yield Set(there.robot, data, f"{kind}, {name}")
 
 
 def _misfits(task: Task, rng: np.random.Generator) -> Iterator[Set]:
@@ -86,7 +85,7 @@ def _misfits(task: Task, rng: np.random.Generator) -> Iterator[Set]:
         fault = what.draw(there.robot, rng, uneven=True)
         sized = there.scaled(fault, float(np.exp(rng.uniform(np.log(20.0), np.log(80.0)))), what.effect)
         data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
-        yield Set(fitted(data, there.robot), data, f"{what.name}, s {sized.size:.0f}", {})
+        yield Set(there.robot, data, f"{what.name}, s {sized.size:.0f}")
 
 
 MAKERS: Mapping[str, Callable[[Task, np.random.Generator], Iterator[Set]]] = {
@@ -99,12 +98,12 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
     yield from MAKERS[task.variant](task, rng)
 
 
-def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
+def _judge(made: Set) -> Said:
     times = held_out(made.model, made.data, RICH.sigma_pos, made.truth.get("good"))
     if not times > LOUD:
-        return f"{times:.2f} × the noise", {}
+        return Said(f"{times:.2f} × the noise", {})
     found = diagnose(made.model, made.data)
-    return f"{times:.2f} × the noise; {in_words(found)}", {"silent": found.verdict == "nothing_missing"}
+    return Said(f"{times:.2f} × the noise; {in_words(found)}", {"silent": found.verdict == "nothing_missing"})
 
 
 ROW = Row(

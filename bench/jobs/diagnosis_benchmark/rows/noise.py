@@ -10,8 +10,8 @@ import numpy as np
 from bench import faults, simulate
 from bench import plan as plans
 from bench.instrument import Instrument
-from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
-from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, fitted, in_words, robot, stage
+from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
+from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, in_words, robot, stage
 from bench.jobs.hidden.design import DESIGNS, POINTS, Design
 from bench.truth import Truth
 from pcalib.diagnosis.diagnose import diagnose
@@ -42,6 +42,10 @@ REFLECTORS = {"noise": "reflectors"}
 VARIANTS = {
     "white": _Variant(RICH),
     "white_positions": _Variant(DESIGNS["rich-position"]),
+    "plain": _Variant(DESIGNS["plain"]),
+    "plain_positions": _Variant(DESIGNS["plain-position"]),
+    "sigma_understated": _Variant(DESIGNS["rich-understated"]),
+    "sigma_overstated": _Variant(DESIGNS["rich-overstated"]),
     "growing_with_range": _Variant(_rich(sigma_distance=1.5e-5, position=(1.5, -0.8, 0.2))),
     "range_angle_one_sigma": _Variant(_rich(noise="range_angle", **TRACKER)),
     "range_angle_stated": _Variant(_rich(noise="range_angle", state_covariance=True, **TRACKER)),
@@ -74,7 +78,7 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
     landing = there.land(fault)
     for _ in range(task.sets):
         data = there.measure(fault, landing, int(rng.integers(2**31)))
-        yield Set(fitted(data, there.robot), data, kind, {})
+        yield Set(there.robot, data, kind)
 
 
 CONTACT_NOISE = 3e-5
@@ -96,14 +100,13 @@ def _contacts(task: Task, variant: _Variant, kind: str, rng: np.random.Generator
         plan = plans.make(nominal, "random", total, seed=int(rng.integers(2**31)))
         plan = replace(plan, check=np.arange(total) >= variant.design.rows)
         data = simulate.run(truth, plan, int(rng.integers(2**31))).measurements
-        yield Set(fitted(data, nominal, variant.level), data, kind, {})
+        yield Set(nominal, data, kind, level=variant.level)
 
 
-def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
+def _judge(made: Set) -> Said:
     found = diagnose(made.model, made.data)
-    return in_words(found), {
-        "alarm": found.verdict != "nothing_missing", "wrong": bool(found.established),
-    }  # fmt: skip
+    alarm = found.verdict != "nothing_missing"
+    return Said(in_words(found), {"alarm": alarm, "wrong": bool(found.established)})
 
 
 ROW = Row(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from bench import faults
 from bench.faults.random_law import RandomLaw
-from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
+from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
 from bench.jobs.diagnosis_benchmark.rows._peers import NAMING, Columns, process
-from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, fitted, held_out, stage
+from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, held_out, stage
 from bench.jobs.hidden.design import DESIGNS
 from pcalib.diagnosis import steps
 from pcalib.diagnosis.problem import problem
@@ -42,7 +42,7 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
         there = stage(DESIGNS["rich"], kind, rng)
         for _ in range(task.sets):
             data = there.measure((), there.reference, int(rng.integers(2**31)))
-            yield Set(fitted(data, there.robot), data, f"{kind}, nothing", {})
+            yield Set(there.robot, data, f"{kind}, nothing")
         return
     there = stage(DESIGN, "delta", rng)
     plain = task.variant == "plain_laws"
@@ -55,7 +55,7 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
         data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
         assert isinstance(sized.fault, RandomLaw)
         about = f"{sized.fault.words}; s {sized.size:.0f}"
-        yield Set(fitted(data, there.robot), data, about, {"laws": sized.fault.laws, "plain": plain})
+        yield Set(there.robot, data, about, {"laws": sized.fault.laws, "plain": plain})
 
 
 def _right(made: Set, channel: str, variables: Collection[str]) -> bool:
@@ -107,28 +107,25 @@ def _after(made: Set, found: Proposals) -> float:
         return held_out(model, made.data, DESIGN.sigma_pos)
 
 
-def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
+def _judge(made: Set) -> Said:
     asked = problem(made.model, made.data)
     found = propose(asked)
     if not made.truth:
-        return telling.sentence(found), {"proposed": bool(found.families)} | _peers(made, Columns.of(asked))
+        return Said(telling.sentence(found), {"proposed": bool(found.families)} | _peers(made, Columns.of(asked)))
     if made.truth["plain"]:
         others = _peers(made, Columns.of(asked))
     else:
         others = {"process_useful": process(made.model, made.data, DESIGN.sigma_pos) <= NEAR}
     if not found.families:
         missed = {"first": False, "five": False} if made.truth["plain"] else {"useful": True}
-        return telling.sentence(found), missed | others
+        return Said(telling.sentence(found), missed | others)
     after = _after(made, found)
     said = f"{found.families[0].first.words()}; held-out {after:.2f} × the noise"
     if not made.truth["plain"]:
         honest = not found.families[0].first.adequate  # the sentence then begins with "No law … explains all"
-        return said, {"useful": honest or after <= NEAR} | others
-    return said, others | {
-        "first": _holds(found.families[0], made),
-        "five": any(_holds(family, made) for family in found.families[:FIRST]),
-        "floor": after <= 1.1,
-    }
+        return Said(said, {"useful": honest or after <= NEAR} | others)
+    right = [_holds(family, made) for family in found.families[:FIRST]]
+    return Said(said, {"first": right[0], "five": any(right), "floor": after <= 1.1} | others)
 
 
 ROW = Row(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from bench import faults
 from bench.faults.random_law import RandomLaw
-from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
-from bench.jobs.diagnosis_benchmark.rows._shared import fitted, in_words, stage
+from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
+from bench.jobs.diagnosis_benchmark.rows._shared import in_words, stage
 from bench.jobs.hidden import case as cases
 from bench.jobs.hidden.catalogue import Hidden
 from bench.jobs.hidden.design import DESIGNS
@@ -35,13 +35,14 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
                 [law] = case.hidden
                 assert isinstance(law, RandomLaw)
                 size = f"s {case.facts.size:.0f}, s⊥ {case.facts.distance:.0f} from {'+'.join(case.nearest)}"
-                yield Set(fitted(data, there.robot), data, f"{law.words}; {size}", {})
+                yield Set(there.robot, data, f"{law.words}; {size}")
                 break
 
 
-def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
+def _judge(made: Set) -> Said:
     found = diagnose(made.model, made.data)
-    return in_words(found), {"wrong": bool(found.established), "silent": found.verdict == "nothing_missing"}
+    hits = {"wrong": bool(found.established), "silent": found.verdict == "nothing_missing"}
+    return Said(in_words(found), hits)
 
 
 ROW = Row(

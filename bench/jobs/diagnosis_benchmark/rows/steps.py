@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from bench import faults
-from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Set, Task
-from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, fitted, in_words, stage
+from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
+from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, in_words, stage
 from bench.jobs.hidden.design import DESIGNS
 from pcalib.diagnosis.diagnose import Diagnosis, diagnose
 
@@ -50,7 +50,7 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
         data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
         truth = {"fault": task.variant, "row": row, "motor": motor, "check": there.plan.check}
         about = f"{kind}, row {row + 1}, s {sized.size:.1f}" + (f", motor {motor + 1}" if motor >= 0 else "")
-        yield Set(fitted(data, there.robot), data, about, truth)
+        yield Set(there.robot, data, about, truth)
 
 
 def told(found: Diagnosis) -> tuple[str, int, int | None]:
@@ -58,13 +58,14 @@ def told(found: Diagnosis) -> tuple[str, int, int | None]:
     return found.cells[0].channel, -1, None
 
 
-def _judge(made: Set) -> tuple[str, Mapping[str, bool]]:
+def _judge(made: Set) -> Said:
     found = diagnose(made.model, made.data)
     channel, motor, row = told(found)
     alarm = found.verdict != "nothing_missing"
     right = alarm and channel == CHANNELS[made.truth["fault"]] and motor in (-1, made.truth["motor"])
     near = row is not None and abs(row - made.truth["row"]) <= NEAR
-    return f"{in_words(found)}; {channel}, row {row}", {"channel": right, "row": near, "wrong": bool(found.established)}
+    hits = {"channel": right, "row": near, "wrong": bool(found.established)}
+    return Said(f"{in_words(found)}; {channel}, row {row}", hits)
 
 
 ROW = Row(
