@@ -11,12 +11,9 @@ import pytest
 
 from bench import noises
 from bench.jobs import blind
-from bench.jobs.diagnosis_benchmark import cells as asked
-from bench.jobs.diagnosis_benchmark import figures, report, rows, trial
-from bench.jobs.diagnosis_benchmark.cells import Cell
+from bench.jobs.diagnosis_benchmark import figures, report, rows
 from bench.jobs.diagnosis_benchmark.results import Results
-from bench.jobs.diagnosis_benchmark.rows import noise
-from bench.jobs.diagnosis_benchmark.trial import Trial
+from bench.jobs.diagnosis_benchmark.rows import added, hidden, noise
 from bench.jobs.hidden.catalogue import CATALOGUE, UNLISTED
 from bench.jobs.hidden.design import DESIGNS
 from bench.jobs.hidden.grading import Answer, Facts, Grade
@@ -28,89 +25,92 @@ ROOT = Path(__file__).resolve().parents[2]
 ROBOT = robots.load(ROOT / "models" / "delta.toml")
 
 
-def test_everything_is_asked(own_tests):
-    cells = asked.cells(ROBOT)
-    assert [c.number for c in cells] == list(range(len(cells)))
-    for part in ("single", "add"):
-        hidden = {CATALOGUE[n].effect for c in cells if c.part == part for n in c.what}
-        assert hidden <= set(effects.names()) <= hidden | own_tests, part
-    assert {n for c in cells if c.part == "outside" and not c.without for n in c.what} == set(UNLISTED)
-    assert {c.design for c in cells if c.part == "none"} == set(DESIGNS)
-    curves = [set(c.sizes) for c in cells if c.part == "single" and c.design == "rich"]
-    assert curves and all(sizes == {3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0} for sizes in curves)
-    assert sum(c.trials for c in cells if c.part == "none") >= 600
-    assert sum(c.trials for c in cells if c.part == "pair") >= 100
-
-
-def test_a_cell_repeats_itself():
-    cell = Cell(5, "single", "rich", ("thermal_rods",), (12.0,))
-    one, two = ([t.to_json() | {"seconds": 0} for t in trial.run(ROBOT, 1, cell)] for _ in range(2))
-    assert one == two and one[0]["s"] == pytest.approx(12.0, rel=0.04)
-    assert [t.to_json()["cell"] for t in trial.run(ROBOT, 2, cell)] == [5]
+def test_everything_is_asked():
+    asked = hidden.cells()
+    by_part = {part: [c for some in asked.values() for c in some if c.part == part] for part in ("single", "outside")}
+    assert {CATALOGUE[c.what].effect for c in by_part["single"]} == set(effects.names())
+    assert {CATALOGUE[name].effect for name in added.WHAT} == set(effects.names())
+    assert {c.what for c in by_part["outside"] if not c.without} == set(UNLISTED)
+    assert all(sorted(c.sizes) == [3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0] for c in asked["single_rich"])
+    assert {v.design.name for v in noise.VARIANTS.values()} == set(DESIGNS)
+    sizes = {name: sum(rows.get(name).variants.values()) for name in rows.names()}
+    assert sizes["noise"] >= 3600 and sizes["random_laws"] >= 400 and sizes["held_out"] >= 500
+    assert sizes["agreement"] >= 300 and sum(len(some) for v, some in asked.items() if v.startswith("pair")) >= 100
+    tasks = rows.tasks(rows.names())
+    assert sum(t.sets for t in tasks) == sum(sizes.values()) and len({t.name for t in tasks}) == len(tasks)
 
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     folder = tmp_path_factory.mktemp("benchmark")
     options = ["--quick", "--workers", "1", "--json", str(folder / "b.json"), "--out", str(folder)]
-    code = report.main([*options, "--rows", *report.PARTS])
+    some = [f"hidden.{variant}" for variant in ("single_rich", "single_plain", "pair_rich", "outside_rich")]
+    code = report.main([*options, "--rows", *some, "added", "noise.plain"])
     return code, json.loads((folder / "b.json").read_text())
 
 
-def test_a_quick_run_asks_every_bound(quick):
+def test_a_quick_run_asks_the_bounds_of_its_rows(quick):
     code, found = quick
     assert code == 0 and found["schema"] == "pcbench.diagnosis_benchmark/1"
-    assert [b["name"] for b in found["bounds"]] == [
-        "false_alarms", "false_alarms_misstated", "inside", "found_at_6", "false_established", "pairs", "outside",
-        "taken_out", "held_out", "landed",
-    ]  # fmt: skip
-    assert all(b["n"] > 0 for b in found["bounds"])
-    assert found["data_sets"] == len(found["trials"]) == sum(c.trials for c in asked.cells(ROBOT, quick=True))
+    assert {b["name"] for b in found["bounds"]} == {
+        "hidden.inside", "hidden.found_at_6", "hidden.false_established", "hidden.pairs", "hidden.outside",
+        "added.held_out", "added.landed", "noise.plain.alarm", "noise.plain.wrong",
+    }  # fmt: skip
+    assert all(b["n"] > 0 for b in found["bounds"]) and found["data_sets"] == len(found["sets"]) == 6
 
 
-def test_large_effects_are_named_and_an_added_one_leaves_noise(quick):
+def test_hidden_effects_have_the_size_that_was_wanted_and_an_added_one_leaves_noise(quick):
     found = quick[1]
-    large = [t for t in found["trials"] if t["part"] == "single" and t["wanted"] == 12.0]
-    assert len(large) == 3 and all(t["truth"] in t["adequate"] for t in large)
-    rod = found["added"]["rod_compliance"]
-    assert rod["held_out"] < 1.1 < 1.5 and rod["held_out"] < rod["held_out_before"]
-    assert 0.9 < rod["floor"] < 1.1 and rod["landed"] < 1.5
+    single = [s for s in found["sets"] if s["set"].startswith("hidden.single")]
+    assert single and all(s["s"] == pytest.approx(s["wanted"], rel=0.04) for s in single)
+    drive = found["added"]["drive_compliance"]
+    assert drive["held_out"] < 1.1 and drive["held_out"] < drive["held_out_before"]
+    assert 0.9 < drive["floor"] < 1.1 and drive["landed"] < 1.5
 
 
-def hand_made(part, truth, verdict, adequate=(), size=6.0, design="rich", faults=None, **more):
-    cell = Cell(0, part, design, ("drive_compliance",), (size,))
+def hand_made(variant, truth, verdict, adequate=(), size=6.0, faults=None, row="hidden", hits=(), **figures):
     facts = Facts(tuple(truth), tuple(truth if faults is None else faults), size, size)
     established = adequate[0] if verdict == "established" else ()
-    return Trial(cell, size, Grade(facts, Answer(verdict, tuple(established), tuple(map(tuple, adequate)))), **more)
+    grade = Grade(facts, Answer(verdict, tuple(established), tuple(map(tuple, adequate))))
+    said = rows.Said(verdict, dict(hits), grade, {"wanted": size} | figures)
+    return rows.Outcome(rows.Task(row, variant, 0, 1), 0, "", said)
 
 
 def made_by_hand():
     drive, bend = ("drive_compliance",), ("arm_bending",)
+    quiet = rows.Said("", {"alarm": False, "wrong": False})
     return Results(
         (
-            hand_made("none", (), "nothing_missing", [()], 0.0),
-            hand_made("none", (), "ambiguous", [drive, bend], 0.0, "rich-understated"),
-            hand_made("single", drive, "established", [drive]),
-            hand_made("single", drive, "ambiguous", [bend, drive]),
-            hand_made("single", drive, "established", [bend]),
-            hand_made("single", drive, "nothing_missing", [()]),
-            hand_made("single", drive, "established", [drive], 12.0),
-            hand_made("outside", (), "unexplained", (), 12.0, faults=["hose"]),
-            hand_made("add", drive, "established", [drive], 20.0, held_out=1.02, landed=1.6),
-            hand_made("add", drive, "established", [drive], 20.0, held_out=1.06, landed=1.2),
-            hand_made("add", bend, "established", [bend], 20.0, held_out=1.2, landed=1.2),
+            rows.Outcome(rows.Task("noise", "white", 0, 1), 0, "", quiet),
+            hand_made("single_rich", drive, "established", [drive]),
+            hand_made("single_rich", drive, "ambiguous", [bend, drive]),
+            hand_made("single_rich", drive, "established", [bend]),
+            hand_made("single_rich", drive, "nothing_missing", [()]),
+            hand_made("single_rich", drive, "established", [drive], 12.0),
+            hand_made("outside_rich", (), "unexplained", (), 12.0, faults=["hose"]),
+            hand_made("rich", drive, "established", [drive], 20.0, row="added", held_out=1.02, landed=1.6),
+            hand_made("rich", drive, "established", [drive], 20.0, row="added", held_out=1.06, landed=1.2),
+            hand_made("rich", bend, "established", [bend], 20.0, row="added", held_out=1.2, landed=1.2),
         ),
         seed=0,
     )
 
 
-def test_rates_count_what_they_say():
+def test_rates_of_added_effects_are_of_their_means():
     counted = {line.name: (line.hits, line.n) for line in made_by_hand().lines}
     assert counted == {
-        "false_alarms": (0, 1), "false_alarms_misstated": (1, 1), "inside": (3, 4), "found_at_6": (2, 4),
-        "false_established": (1, 8), "pairs": (0, 0), "outside": (1, 1), "taken_out": (0, 0), "held_out": (1, 2),
-        "landed": (2, 2),
+        "noise.white.alarm": (0, 1), "noise.white.wrong": (0, 1), "added.held_out": (1, 2), "added.landed": (2, 2),
     }  # fmt: skip
+
+
+def test_a_diagnosis_is_judged_by_what_is_hidden():
+    """A set by hand whose diagnosis is known by its size: at 20 noise units the truth is named."""
+    task = rows.Task("hidden", "single_rich", 4, 7)
+    made = [m for m in rows.get("hidden").sets(task, task.generator(1)) if m.truth["wanted"] in (6.0, 20.0)]
+    said = [rows.get("hidden").judge(m) for m in made]
+    assert [set(s.hits) >= {"false_established", "inside"} for s in said] == [True, True]
+    assert "found_at_6" in said[0].hits and "found_at_6" not in said[1].hits
+    assert said[1].grade.inside and said[1].hits["inside"] and not said[1].hits["false_established"]
 
 
 def test_power_and_confusion_share_rivals_out():
@@ -151,7 +151,6 @@ def test_what_cannot_be_run_is_refused(capsys):
 def test_a_row_asks_its_bounds_and_repeats_itself(name):
     """One set of one variant; the others differ by their settings."""
     row = rows.get(name)
-    assert sum(row.variants.values()) >= 200
     [task] = replace(row, variants=dict(list(row.variants.items())[:1])).tasks(1)
     one, two = (rows.run(task, 3)[0].to_json() | {"seconds": 0} for _ in range(2))
     assert one == two and one["set"] == f"{task.name}#0" and one["said"] and set(one["hits"]) <= set(row.bounds)
@@ -174,12 +173,13 @@ def test_every_variant_of_noise_makes_data(variant):
 
 
 def test_lines_count_the_sets_that_were_asked():
+    def outcome(row, variant, **hits):
+        return rows.Outcome(rows.Task(row, variant, 0, 1), 0, "", rows.Said("", hits))
+
     outcomes = [
-        rows.Outcome("noise.white/0#0", "", "", {"alarm": True, "wrong": False}, 0.0),
-        rows.Outcome("noise.white/0#1", "", "", {"alarm": False, "wrong": False}, 0.0),
-        rows.Outcome("noise.heavy_tails/0#0", "", "", {}, 0.0),
-        rows.Outcome("steps.motor_slip/0#0", "", "", {"row": True}, 0.0),
-    ]
+        outcome("noise", "white", alarm=True, wrong=False), outcome("noise", "white", alarm=False, wrong=False),
+        outcome("noise", "heavy_tails"), outcome("steps", "motor_slip", row=True),
+    ]  # fmt: skip
     counted = {line.name: (line.hits, line.n) for line in rows.lines(outcomes)}
     assert counted == {"noise.white.alarm": (1, 2), "noise.white.wrong": (0, 2), "steps.motor_slip.row": (1, 1)}
 
