@@ -17,7 +17,7 @@ from bench.jobs.hidden.stage import Stage
 from pcalib.data.measurement import Measurements
 
 STRETCH = 5.0
-"""How much larger than wanted each of two effects may become to be told from what one effect explains."""
+"""Factor by which each of two effects may exceed the wanted size, so that no single effect explains both."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Right or wrong: a diagnosis against what is known to be hidden, and rates against the bounds they have to keep."""
+"""Grades: a diagnosis against what is known to be hidden, and rates against the bounds that they have to keep."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ SEEN = 1e-3
 RIPPLE = 2e-4
 """[rad] usual amplitude of a gear ripple."""
 CLOSE = 0.03
-"""Relative difference from the wanted size that is near enough."""
+"""Relative difference from the wanted size at which the search for it ends."""
 MOVED = 1e-3
 """[m] RMS change of the measured point that a hidden fault may cause."""
 RANGE = 0.7
@@ -67,7 +67,7 @@ class Sized:
 
 
 class Replay:
-    """A robot that has done its work: it gives a landing again, for new noise."""
+    """Stands in for a machine whose landing is known, so that new noise costs no simulation."""
 
     def __init__(self, landing: Landing):
         self.landing = landing
