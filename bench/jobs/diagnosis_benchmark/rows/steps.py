@@ -47,10 +47,10 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
         sized = there.scaled(fault, wanted)
         if sized.capped:
             continue
-        data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
-        truth = {"fault": task.variant, "row": row, "motor": motor, "check": there.plan.check}
+        made = there.measured([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
+        truth = {"fault": task.variant, "row": int(np.sum(made.kept < row)), "motor": motor}
         about = f"{kind}, row {row + 1}, s {sized.size:.1f}" + (f", motor {motor + 1}" if motor >= 0 else "")
-        yield Set(there.robot, data, about, truth)
+        yield Set(there.robot, made.measurements, about, truth)
 
 
 def told(found: Diagnosis) -> tuple[str, int, int | None]:
