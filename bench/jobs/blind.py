@@ -37,11 +37,11 @@ SCHEMA = "pcbench.sealed/1"
 SEALED = "sealed"
 STREAM, DEALT = 0xB11D, 0xDEA1
 KINDS = {"none": 4, "single": 10, "pair": 3, "outside": 3}
-"""How often each kind comes among twenty data sets in a row."""
+"""Number of data sets of each kind among twenty in a row."""
 SIZES = (4.0, 20.0)
 """Visible sizes s (of pairs and unlisted faults: s⊥), log-uniform."""
 PAIRED = 8.0
-"""Smallest s⊥ of pairs and of faults that no library lists."""
+"""Smallest s⊥ of pairs and of faults that are not in the library."""
 TRIES = 12
 
 
@@ -70,8 +70,8 @@ def make(
         InputError: the folder cannot be written, or holds other data sets; nothing is left behind.
     """
     if n < 1 or seed < 0 or workers < 1:
-        asked = f"{n} data sets of seed {seed} on {workers} processes"
-        raise InputError(f"{asked} make no sense", remedy="use positive numbers")
+        asked = f"cannot make {n} data sets with seed {seed} on {workers} processes"
+        raise InputError(asked, remedy="use at least one data set, a seed from 0 on and at least one process")
     if folder.exists() and any(folder.glob("*.csv")):
         raise InputError("there are data sets in this folder already", file=folder, remedy="name a new folder with -o")
     _require_suited(robot)

@@ -1,4 +1,4 @@
-"""Scores of a blind test: diagnoses (`pcalib.diagnosis/1`, docs/files.md) against the sealed truths."""
+"""Grade the diagnoses of a blind test (`pcalib.diagnosis/1`, docs/files.md) against the sealed truths."""
 
 from __future__ import annotations
 

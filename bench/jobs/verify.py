@@ -1,4 +1,4 @@
-"""Command a compensated robot in MuJoCo, with all that is really wrong with it, and see where the TCP ends up."""
+"""Command a compensated robot in MuJoCo, with all its faults, and measure where the TCP lands."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from pcalib.prediction import Conditions
 from pcalib.robot import Robot
 
 STREAM = 0x9283
-"""Keeps what is drawn here apart from the draws of measuring with the same seed."""
+"""Key of the random stream, so that landings are independent of measurements with the same seed."""
 CHUNK = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Where the TCP is sent, and under what."""
+    """Targets of the TCP and the conditions of each."""
 
     position: np.ndarray
     """(P, 3) [m] base frame."""
@@ -84,7 +84,7 @@ def load(model: Path, truth: Path, effect_files: Sequence[str] = ()) -> tuple[Mo
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What was attained."""
+    """Positions that were attained, and the figures of accuracy."""
 
     task: Task
     attained: np.ndarray
@@ -190,7 +190,7 @@ def approach(generator: np.random.Generator, n: int, actuators: int) -> dict[str
 
 
 def same_robot(model: Model, truth: Truth) -> None:
-    """That a model and a truth are of one robot.
+    """Check that a model and a truth are of one robot.
 
     Raises:
         InputError: they are not.

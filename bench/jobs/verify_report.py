@@ -23,7 +23,7 @@ class Check:
     found: float
     length: bool = True
     why: str = ""
-    """What is behind the figure, where there is more to say."""
+    """The cause of the figure, where it is known."""
 
     @property
     def held(self) -> bool:

@@ -89,7 +89,7 @@ def test_a_set_is_of_the_kind_that_was_dealt(made):
 def test_what_cannot_be_made_is_refused(made, tmp_path, capsys):
     with pytest.raises(InputError, match="there are data sets in this folder"):
         blind.make(ROBOT, made[0], 1)
-    with pytest.raises(InputError, match="make no sense"):
+    with pytest.raises(InputError, match="cannot make 0 data sets"):
         blind.make(ROBOT, tmp_path / "none", 0)
     assert cli.main(["blind", "-n", "1", "-o", str(made[0])]) == 2
     assert "name a new folder" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""The plots of a campaign: how errors are distributed, and how they grow with tool, noise, poses, whatever is swept."""
+"""The plots of a campaign: how errors are distributed, and how they grow with the tool and with what is swept."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BAND = (5.0, 95.0)
 """Percentiles over robots that bands reach from and to."""
 MOST_CELLS = 6
 MOST_POINTS = 400
-"""Of one curve: more cannot be seen."""
+"""Most points of one curve; more cannot be told apart in print."""
 
 
 def write(summary: Summary, folder: Path) -> list[Path]:

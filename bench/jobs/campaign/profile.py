@@ -1,4 +1,4 @@
-"""Where the time of a campaign goes: inside MuJoCo, inside LAPACK, and in between; and how much memory it takes.
+"""The time of a campaign in MuJoCo, in LAPACK and in Python, and the memory that it takes.
 
     scripts/campaign_profile
     scripts/campaign_profile bench/specs/quick.toml --robots 20
@@ -74,7 +74,7 @@ def clocks() -> Iterator[dict[str, dict[str, float]]]:
 
 
 def memory() -> float:
-    """[MiB] most that this process has had in memory so far."""
+    """[MiB] Peak memory of this process so far."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
@@ -91,7 +91,7 @@ def command(spec: Path = SPEC, /, *, robots: int = 100, quick: bool = False) -> 
     from bench.jobs.campaign.study import Campaign
 
     if robots < 1:
-        raise InputError(f"--robots {robots} take no time", remedy="ask for one at least")
+        raise InputError(f"--robots {robots}: there is nothing to time", remedy="use at least one robot")
     robots = QUICK if quick else robots
     campaign = Campaign(specs.load(spec))
     robots = min(robots, campaign.n_trials)

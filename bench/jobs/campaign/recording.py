@@ -80,7 +80,7 @@ def write(summary: Summary, results: Path, folder: Path) -> list[Path]:
 
 
 def gather(summary: Summary, results: Path, cell: int) -> Maps | None:
-    """What a cell's recording shows; None where the results keep no errors of its robots."""
+    """Gather what the recording of a cell shows; None where the results keep no errors of its robots."""
     campaign = summary.spec
     stand = trial.stand(campaign, cell)
     methods = [m.name for m in stand.cell.methods]

@@ -1,7 +1,7 @@
 """Keeping accuracy from getting worse: a campaign's figures against those of a committed baseline.
 
-Everything random is seeded, so figures repeat to rounding, and a change means that something changed. Speed is
-compared as a ratio to a reference task that runs in between, so that a slower or busier machine is no regression.
+All random numbers are seeded: figures repeat to rounding, so that a change has a cause in the code. Times are compared
+as ratios to a reference task that runs in between, so that a slower or busier machine is no regression.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from pcalib.errors import InputError
 
 SCHEMA = "pcbench.baseline/1"
 REPEATS = 7
-"""Of every timing; the fastest counts, for whatever else the machine does only ever makes it slower."""
+"""Repetitions of every timing. The fastest counts, because other programs can only make it slower."""
 SHORT = 0.1
-"""Times that differ by less than this share of the reference task are all the same."""
+"""Smallest difference of two times that counts, as a share of the time of the reference task."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Change:
 
     @property
     def regression(self) -> bool:
-        """Whether this must not pass."""
+        """Whether the comparison fails because of this change."""
         return self.verdict in ("worse", "gone")
 
     @property

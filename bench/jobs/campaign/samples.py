@@ -1,4 +1,4 @@
-"""Plans that campaigns measure and targets that they check, within joint range and workspace of the nominal robot."""
+"""Measuring plans and targets of campaigns, within joint range and workspace of the nominal robot."""
 
 from __future__ import annotations
 

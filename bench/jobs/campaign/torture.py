@@ -1,4 +1,4 @@
-"""A campaign that is killed again and again, and must end with the same bytes as one that was not.
+"""Kill a campaign again and again, and compare its results with those of an uninterrupted campaign.
 
     scripts/campaign_torture --kills 20
 
@@ -40,13 +40,13 @@ ROOT = Path(__file__).parents[3]
 
 
 def command(*, kills: int = 20, robots: int = 120, quick: bool = False, seed: int = 0) -> int:
-    """A campaign that is killed again and again, and must end with the same bytes as one that was not.
+    """Kill a campaign again and again, and compare its results, byte by byte, with those of an uninterrupted one.
 
     Args:
         kills: How often it is killed.
         robots: Size of the campaign.
         quick: 3 kills of 24 robots, to see that everything runs.
-        seed: Of the moments.
+        seed: Seed of the random moments.
     """
     if quick:
         kills, robots = 3, 24

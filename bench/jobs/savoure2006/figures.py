@@ -1,4 +1,4 @@
-"""The figures of the reproduction: one message each, said in its title."""
+"""The figures of the reproduction; the title of each states its message."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def curves(figure: Figure, scores: Scores, h: float, seeds: int) -> None:
 
 
 def noise_and_poses(figure: Figure, found: Found) -> None:
-    """Figure 7: what less noise or more poses gain."""
+    """Figure 7: the error against the measuring noise and against the number of poses."""
     figure.set_size_inches(9.0, 4.3)
     left, right = figure.subplots(1, 2, sharey=True)
     _axis(left, found.noise, factor=1e6 * trial.SIGMA_POS)
@@ -87,7 +87,7 @@ def noise_and_poses(figure: Figure, found: Found) -> None:
 
 
 def scaling(figure: Figure, found: Found) -> None:
-    """Why: the bias of the linear method grows as the square of the errors and ignores the number of poses."""
+    """The bias of the linear method: it grows as the square of the errors, whatever the number of poses."""
     figure.set_size_inches(6.8, 5.0)
     ax = figure.subplots()
     _axis(ax, found.scaling, keys=["paper_linear_first_order", "gauss_newton_exact", "map_exact"])

@@ -68,7 +68,7 @@ class Found:
 
 
 COMPARED = tuple(method(key) for key in ("classical", "paper_linear_first_order", "gauss_newton_exact", "map_exact"))
-"""What the studies of noise, poses and scale compare."""
+"""Methods that the studies of noise, poses and scale compare."""
 LONG = 0.2
 """[m] the tool of those studies."""
 MEASURED_AT = 0.1
@@ -191,7 +191,7 @@ def planar_rank() -> int:
 
 
 def _score(rows: Sequence[Row]) -> Score:
-    """What the seeds have in common."""
+    """Means and standard error over the seeds."""
     rms, largest = (np.array([row[name] for row in rows]) for name in ("rms_m", "max_m"))
     return Score(
         float(rms.mean()), float(largest.mean()), np.array(rows[0]["error_m"]), float(rms.std() / np.sqrt(len(rms)))

@@ -30,7 +30,7 @@ from pcalib.robot import Robot
 RIGID_US, REST_MS, DATA_S = 150.0, 3.0, 1.0
 """Bounds: a rigid pose [µs], a pose in equilibrium [ms], a rich data set of 120 poses [s]."""
 SEVERAL = ("drive_compliance", "rod_compliance", "arm_bending", "plate_flexing", "tool_bending", "frame_bending")
-"""What gives way: one fault for every compliant part of the robot."""
+"""Faults of compliance, one for every part of the robot that bends."""
 ROWS = 120
 WORKERS = (1, 2, 4)
 TOOL = np.array([0.05, 0.0, -0.1])
@@ -39,7 +39,7 @@ TOOL = np.array([0.05, 0.0, -0.1])
 def command(
     *, robot: Path | None = None, repeats: int = 7, quick: bool = False, json: frame.JsonOption = None
 ) -> int:
-    """Time the virtual robot: rigid poses, poses in equilibrium, whole data sets; and compare the bytes they make.
+    """Time the virtual robot: rigid poses, poses in equilibrium and whole data sets; compare the bytes of data sets.
 
     Every figure is the median of several runs: processor time of one process, so that a busy machine makes little
     difference, and time on the wall where workers share the rows. Exit code 1 where a bound is missed.

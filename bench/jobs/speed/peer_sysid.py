@@ -1,11 +1,11 @@
-"""The same identification by MuJoCo's own toolbox, `mujoco.sysid`: what a general tool makes of it.
+"""The same identification by MuJoCo's own toolbox, `mujoco.sysid`, as a general tool does it.
 
-It knows no closed loops, no priors and no analytic derivatives; it is given the same unknowns in units of their priors,
-the same priors as further residuals, and either of two residuals:
+The toolbox knows no closed loops, no priors and no analytic derivatives. It is given the same unknowns in units of
+their priors, the same priors as further residuals, and one of two residuals:
 
 * the closure at the measured poses, by the same function that serves pcalib, evaluated for all its columns;
-* what a simulation reads after its loops have settled, which is how the toolbox is meant to be used. Everything is in
-  its favour: rods as tendons (the fastest model), no gravity (no sag), starts at the nominal poses, as few steps as
+* the readings of a simulation whose loops have settled, which is how the toolbox is meant to be used. All choices
+  favour it: rods as tendons (the fastest model), no gravity (no sag), starts at the nominal poses, as few steps as
   bring the reading to within a micrometre, stiff servos, models kept between calls.
 """
 
@@ -30,7 +30,7 @@ from pcalib.mechanics.mechanism import Pose
 from pcalib.robot import Robot
 
 RANGE = 50.0
-"""Bounds of every unknown, in units of its prior: the toolbox wants some."""
+"""Bounds of every unknown, in units of its prior; the toolbox requires bounds, and these are never reached."""
 STEP, STIFFNESS, SERVO = 1e-3, 4e-3, 1e6
 """[s] time step; [s] time constant of the loops; [N·m/rad] of the motors' position servos."""
 STEPS = 60
@@ -44,7 +44,7 @@ class ToolboxFit:
     k: np.ndarray
     """(nk,) geometric parameters."""
     evaluations: int
-    """How many robots it tried."""
+    """The number of geometries at which the toolbox evaluated the residual."""
 
 
 def missing() -> str:
