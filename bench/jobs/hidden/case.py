@@ -31,6 +31,8 @@ class Case:
     """s of each fault by itself."""
     nearest: tuple[str, ...] = ()
     """The library's effects that come nearest, of pairs and of what no library lists."""
+    usual: float = 1.0
+    """How many usual sizes a single fault has: what is poorly visible has to be large to be seen at all."""
 
     @cached_property
     def landing(self) -> Landing:
@@ -51,7 +53,8 @@ def single(stage: Stage, what: Hidden, fault: Fault, size: float) -> Case:
     """One listed fault of visible size `size`, or of the size that it can reach."""
     assert what.effect is not None
     found = stage.scaled(fault, size, what.effect)
-    return Case(stage, (found.fault,), Facts((what.effect,), (what.name,), _short(found.size)), (_short(found.size),))
+    size = _short(found.size)
+    return Case(stage, (found.fault,), Facts((what.effect,), (what.name,), size), (size,), usual=found.factor)
 
 
 def pair(stage: Stage, what: Sequence[Hidden], drawn: Sequence[Fault], size: float) -> Case | None:

@@ -29,6 +29,8 @@ FAR = (8.0, 12.0, 20.0)
 """Sizes s⊥ of pairs and of faults that no library lists."""
 NEAR = (0.95, 1.1)
 """s over the wanted 6 that counts as 6."""
+PLAUSIBLE = 3.0
+"""Usual sizes up to which a fault is one that robots have."""
 TRIES = 20
 """Pairs that are drawn until one is no single effect's."""
 ROBOTS = {"rich": 4, "rich-position": 3, "plain": 2, "plain-position": 2}
@@ -156,15 +158,16 @@ def _judge(made: Set) -> Said:
             hits["inside"] = grade.inside
         if NEAR[0] * CLEAR <= facts.size <= NEAR[1] * CLEAR:
             hits["found_at_6"] = grade.found
+            hits["found_at_6_usual" if case.usual <= PLAUSIBLE else "found_at_6_large"] = grade.found
     elif facts.distance >= SLACK * APART:
         if cell.part == "pair":
             hits["pairs"] = grade.inside
         else:
             hits["taken_out" if cell.without else "outside"] = grade.unexplained
-    return Said(words, hits, grade, {"wanted": made.truth["wanted"]})
+    return Said(words, hits, grade, {"wanted": made.truth["wanted"], "usual_sizes": case.usual})
 
 
-def _bound(what: str, bound: float, at_most: bool = False) -> Bound:
+def _bound(what: str, bound: float = float("nan"), at_most: bool = False) -> Bound:
     return Bound(what, bound, at_most, each=False)
 
 
@@ -174,6 +177,8 @@ ROW = Row(
     {
         "inside": _bound("single effect, s ≥ 6, something found: truth among the adequate sets", 0.93),
         "found_at_6": _bound("single effect at s = 6: established, or fairly A or B", 0.90),
+        "found_at_6_usual": _bound(f"the same, where 6 noise units are {PLAUSIBLE:g} usual sizes or less"),
+        "found_at_6_large": _bound("the same, where they are more"),
         "false_established": _bound("an effect called established that is not there", 0.02, at_most=True),
         "pairs": _bound("two effects that no single one explains (s⊥ ≥ 8): both in an adequate set", 0.90),
         "outside": _bound("in no library: called unexplained where s⊥ ≥ 8", 0.95),
