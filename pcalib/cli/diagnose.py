@@ -15,6 +15,7 @@ from pcalib.cli.frame import BesideOption, JsonOption, SeedOption, say, show_tab
 
 if TYPE_CHECKING:
     from pcalib.diagnosis.diagnose import Diagnosis
+    from pcalib.laws.verdict import Beside
 
 
 def command(
@@ -44,28 +45,38 @@ def command(
     from pcalib.diagnosis import results
     from pcalib.diagnosis.diagnose import diagnose
     from pcalib.errors import InputError
+    from pcalib.laws import telling
+    from pcalib.laws.verdict import beside
 
     if not 1 <= most <= 3:
         raise InputError(f"--most {most} effects in one explanation are not searched", remedy="choose 1, 2 or 3")
     calibrated, measured, own = read(model, data, effect_file)
     found = diagnose(calibrated, measured, own, largest=most, seed=seed)
-    write_json(json, results.diagnosis_json(found))
+    laws = beside(found, seed)
+    proposed = telling.as_json(laws.proposals, None)["laws"] if laws is not None else []
+    write_json(json, {**results.diagnosis_json(found), "laws": proposed})
     if report is not None:  # before anything is printed: a closed pipe loses no file
         from pcalib.diagnosis import page
 
         page.write_diagnosis(report, calibrated, found)
-    show(found)
+    show(found, laws)
+    if found.verdict == "unexplained" and laws is not None and laws.proposals.families:
+        say(f"Next: pcalib propose {data} --model {model} -o laws")
     if report is not None:
         say(f"Report written to {report}.")
     return None
 
 
-def show(found: Diagnosis) -> None:
-    """Print a diagnosis: the verdict first, then what stands behind it."""
+def show(found: Diagnosis, laws: Beside | None = None) -> None:
+    """Print a diagnosis: the verdict, the law that explains what no effect does, and what stands behind them."""
     from pcalib.diagnosis import telling
 
     say(telling.sentence(found))
+    if laws is not None and found.verdict == "unexplained" and laws.sentence:
+        say(laws.sentence)
     print()
+    for law in laws.rivals if laws is not None else ():
+        say(f"- A law that no effect stands for does as well: {law}. 'pcalib propose' writes it; measure what differs.")
     for line in telling.details(found):
         say(f"- {line}")
     print()
