@@ -9,6 +9,8 @@ from pcalib.diagnosis.diagnose import Diagnosis
 from pcalib.laws import telling
 from pcalib.laws.search import Proposals, propose
 
+SHOWN = 2
+"""Laws that are named beside an established effect."""
 CLEAR = 6.0
 """Difference of BIC from which on a law is no rival of a listed effect: strong evidence (Kass & Raftery 1995)."""
 
@@ -44,7 +46,7 @@ def beside(found: Diagnosis, seed: int = 0) -> Beside | None:
         if not {*f.first.listed, *(c.name for c in f.first.beside)} & set(named.names)
         and f.first.bic < _named_bic(found) + CLEAR
     ]
-    return Beside(proposals, tuple(rivals))
+    return Beside(proposals, tuple(rivals[:SHOWN]))
 
 
 def _named_bic(found: Diagnosis) -> float:

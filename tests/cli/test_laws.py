@@ -1,4 +1,4 @@
-"""`pcalib plan --to-tell` and `pcalib propose` as a user runs them."""
+"""Laws and plans that tell effects apart, as a user runs them: `propose`, `diagnose`, `plan --to-tell`."""
 
 import json
 from pathlib import Path
@@ -55,3 +55,25 @@ def test_a_proposed_law_is_written_and_added(tmp_path, capsys, monkeypatch):
     assert main(["effect", "check", spec, "--robot", robot]) == 0
     assert main(command.removeprefix("Next: pcalib ").split()) == 0
     assert "107" in capsys.readouterr().out
+
+
+def test_a_diagnosis_names_the_law_that_no_effect_stands_for(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data, robot = str(CASES / "elbow.csv"), str(CASES / "robot.toml")
+    assert main(["fit", data, "--robot", robot, "-o", "m.toml"]) == 0
+    capsys.readouterr()
+    assert main(["diagnose", data, "--model", "m.toml", "--json", "d.json"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "The simplest law that explains what is left: elbows along their arm by the next arm's angle" in said
+    assert f"Next: pcalib propose {data} --model m.toml -o laws" in said
+    found = json.loads(Path("d.json").read_text())
+    assert found["verdict"] == "unexplained" and found["laws"][0]["channel"] == "elbow"
+
+
+def test_no_law_is_searched_for_where_nothing_is_missing(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data, robot = str(CASES / "plain.csv"), str(CASES / "robot.toml")
+    assert main(["fit", data, "--robot", robot, "-o", "m.toml"]) == 0
+    assert main(["diagnose", data, "--model", "m.toml", "--json", "d.json"]) == 0
+    found = json.loads(Path("d.json").read_text())
+    assert found["verdict"] == "nothing_missing" and found["laws"] == []
