@@ -15,8 +15,6 @@ SHARED = {
 """What the virtual robot may take from pcalib: descriptions, files with what is checked on reading, and rotations."""
 NOT_OF_A_ROBOT = {"actuation", "levels", "start", "plate_points", "plate_columns", "body", "hinges", "actuator"}
 """Members of `robot.mechanism` that hold kinematics, not names and nominal values."""
-STILL_UP: set[tuple[str, str]] = set()
-"""Arrows that lead back up and wait for their mending: none may be added."""
 
 
 def imported(file: Path) -> set[str]:
@@ -107,7 +105,7 @@ def test_arrows_lead_down_and_never_in_a_circle(by):
             while name and name not in files:
                 name = name.rpartition(".")[0]
             target = name if by == "file" or not name else room(name, files)
-            if target and target != source and (source, target) not in STILL_UP:
+            if target and target != source:
                 arrows.setdefault(source, set()).add(target)
     assert not circles(arrows)
 

@@ -10,23 +10,13 @@ TEXTS = {"problem", "remedy", "note", "message"}
 """Attributes that hold sentences for people."""
 TESTS = {"startswith", "endswith", "find", "index", "match", "search", "fullmatch"}
 """Calls that look into a text."""
-WAITING = {
-    "getattr": set(),
-    "text": {
-        "pcalib/diagnosis/figures.py", "pcalib/diagnosis/telling.py",
-    },
-    "names": set(),
-}  # fmt: skip
-"""Files that still do it and wait for their mending: none may be added."""
 
 
-def nodes(rule: str) -> Iterator[tuple[str, ast.AST]]:
-    """Every node of the project's code, with its place, outside files that wait."""
+def nodes() -> Iterator[tuple[str, ast.AST]]:
+    """Every node of the project's code, with its place."""
     for file in sorted((ROOT / "pcalib").rglob("*.py")) + sorted((ROOT / "bench").rglob("*.py")):
-        name = file.relative_to(ROOT).as_posix()
-        if name not in WAITING[rule]:
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-                yield f"{name}:{getattr(node, 'lineno', 0)}", node
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            yield f"{file.relative_to(ROOT).as_posix()}:{getattr(node, 'lineno', 0)}", node
 
 
 def is_text(node: ast.AST) -> bool:
@@ -38,7 +28,7 @@ def is_text(node: ast.AST) -> bool:
 
 def test_no_decision_hangs_on_the_wording_of_a_message():
     found = []
-    for place, node in nodes("text"):
+    for place, node in nodes():
         if isinstance(node, ast.Compare):
             literal = any(isinstance(n, ast.Constant) and n.value for n in (node.left, *node.comparators))
             bad = literal and any(map(is_text, (node.left, *node.comparators)))
@@ -55,7 +45,7 @@ def test_what_a_base_class_declares_is_not_asked_for_by_getattr():
     """Files of the user's own (effects/user.py) are looked into before they are known to be effects."""
     found = [
         f"{place}: {ast.unparse(node)}"
-        for place, node in nodes("getattr")
+        for place, node in nodes()
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "getattr" and isinstance(node.args[1], ast.Constant)
         and not place.startswith("pcalib/effects/user.py") and "import_module" not in ast.unparse(node)
         and ast.unparse(node.args[0]) != "_LOCAL"
@@ -67,7 +57,7 @@ def test_only_a_kind_reads_the_names_of_its_parameters():
     """Others ask the mechanism for rod lengths, motor zeros and parts; no pattern such as "l11" or "a1.x" elsewhere."""
     parameter = re.compile(r"^(?:[abplq]|beta|bp|leg|hinge|[\[(][a-z]+[\])])(?:\\+[dw]|\[|\(|\d*$)")
     found = []
-    for place, node in nodes("names"):
+    for place, node in nodes():
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in TESTS:
             said = [re.sub(r"\{.*?\}", "a", ast.unparse(a)).strip("rf'\"") for a in node.args]
             if any(parameter.match(text) for text in said) and "columns" not in place:
