@@ -111,7 +111,7 @@ def test_bad_input_is_one_message_and_leaves_no_files(tmp_path, capsys):
         (["--tool", "0,-1mm"], "needs 3 numbers"),
         (["--length-error", "2"], "no unit"),
         (["--length-error", "-1mm"], "makes no sense"),
-        (["--spacing", "0mm"], "makes no sense"),
+        (["--spacing", "0mm"], "is not a positive length"),
         (["--robot", str(tmp_path / "none.toml")], "no such file"),
         (["--spacing", "400mm", "-o", str(blocked)], "cannot make this folder"),
     ]:
