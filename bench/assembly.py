@@ -23,7 +23,7 @@ bend like a uniform cantilever under forces and moments at its tip and its own w
 ARM, ROD, BALL, FRAME, PLATE = (
     [0.95, 0.46, 0.10, 1], [0.72, 0.75, 0.79, 1], [0.20, 0.22, 0.26, 1], [0.30, 0.33, 0.38, 1], [0.16, 0.50, 0.80, 1],
 )  # fmt: skip
-_LEAST = 1e-9
+LEAST = 1e-9
 """[kg, kg·m²] Mass and inertia of a moving body whose mass the robot file does not give; MuJoCo needs some."""
 
 
@@ -64,9 +64,9 @@ def body(
     if turn is not None:
         out.quat = rotation.to_quaternion(turn)
     out.explicitinertial = True
-    out.mass = max(mass, _LEAST)
+    out.mass = max(mass, LEAST)
     out.ipos = list(com)
-    out.inertia = [max(0.4 * mass * size**2, _LEAST)] * 3
+    out.inertia = [max(0.4 * mass * size**2, LEAST)] * 3
     return out
 
 

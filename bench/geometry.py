@@ -47,16 +47,29 @@ class Place:
     """Gear ratio at parameter value 1 [1 or m/rad]."""
 
 
-@dataclass(frozen=True)
-class _Values:
-    """What the places of one sort take from the parameter vector k."""
+_ELEMENTS = {
+    "body": "body", "turn": "body", "site": "site", "rod": "body", "tendon": "tendon", "pivot": "joint",
+    "axis": "joint", "gear": "equality",
+}  # fmt: skip
+"""Sort of place → sort of MuJoCo's elements."""
 
+
+@dataclass(frozen=True)
+class _Group:
+    """The places of one sort: their elements, and what they read out of k."""
+
+    places: tuple[Place, ...]
+    ids: np.ndarray
     columns: np.ndarray
     factors: np.ndarray
-    """Factor of each coordinate; 0 if no parameter belongs to it."""
+    """0 where a coordinate is none."""
 
     def of(self, k: np.ndarray) -> np.ndarray:
         return self.factors * k[self.columns]
+
+    def nominal(self, *shape: int) -> np.ndarray:
+        """What the places say of the nominal robot, one after the other."""
+        return np.array([p.nominal for p in self.places]).reshape(-1, *shape)
 
 
 class Geometry:
@@ -67,8 +80,8 @@ class Geometry:
         at = {name: i for i, name in enumerate(parameters)}
         placed: set[str] = set()
 
-        def select(what: str) -> tuple[list[Place], _Values]:
-            chosen = [p for p in places if p.what == what]
+        def group(what: str) -> _Group:
+            chosen = tuple(p for p in places if p.what == what)
             columns, factors = [], []
             for p in chosen:
                 names = p.parameter.split()
@@ -78,32 +91,19 @@ class Geometry:
                 factors.append([0.0 if name == "0" else -1.0 if name[0] == "-" else 1.0 for name in names])
                 placed.update(name.removeprefix("-") for name in names)
             shape = (len(chosen), 1 if what in NUMBERS else 3)
-            return chosen, _Values(np.array(columns, int).reshape(shape), np.array(factors).reshape(shape))
+            ids = np.array([getattr(model, _ELEMENTS[what])(p.element).id for p in chosen], int)
+            return _Group(chosen, ids, np.array(columns, int).reshape(shape), np.array(factors).reshape(shape))
 
-        bodies, self._body_values = select("body")
-        self._bodies = np.array([model.body(p.element).id for p in bodies], int)
+        self._groups = {what: group(what) for what in _ELEMENTS}
+        bodies = self._groups["body"].places
         self._body_offset = np.array([self._parent_in(p.element, p.within) for p in bodies]).reshape(-1, 3)
-        turns, self._turn_values = select("turn")
-        self._turns = np.array([model.body(p.element).id for p in turns], int)
-        self._turn_nominal = np.array([p.nominal for p in turns]).reshape(-1, 3, 3)
-        sites, self._site_values = select("site")
-        self._sites = np.array([model.site(p.element).id for p in sites], int)
-        rods, self._rod_values = select("rod")
-        self._rods = np.array([model.body(p.element).id for p in rods], int)
-        tendons, self._tendon_values = select("tendon")
-        self._tendons = np.array([model.tendon(p.element).id for p in tendons], int)
-        pivots, self._pivot_values = select("pivot")
-        self._pivots = np.array([model.joint(p.element).id for p in pivots], int)
-        axes, self._axis_values = select("axis")
-        self._axes = np.array([model.joint(p.element).id for p in axes], int)
-        self._axis_nominal = np.array([p.nominal for p in axes]).reshape(-1, 3)
-        gears, self._gear_values = select("gear")
-        self._gears = np.array([model.equality(p.element).id for p in gears], int)
-        self._gear_factors = np.array([p.factor for p in gears])
+        self._turn_nominal = self._groups["turn"].nominal(3, 3)
+        self._axis_nominal = self._groups["axis"].nominal(3)
+        self._gear_factors = np.array([p.factor for p in self._groups["gear"].places])
         # A site that the compiler found in its body's origin is flagged so, and its position would never be read.
-        model.site_sameframe[self._sites] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+        model.site_sameframe[self._groups["site"].ids] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
         # The equality of a tendon compares with its length in the file plus a coefficient: keep all in the former.
-        held = (model.eq_type == mujoco.mjtEq.mjEQ_TENDON) & np.isin(model.eq_obj1id, self._tendons)
+        held = (model.eq_type == mujoco.mjtEq.mjEQ_TENDON) & np.isin(model.eq_obj1id, self._groups["tendon"].ids)
         model.eq_data[held, 0] = 0.0
         missing = [name for name in parameters if name not in placed]
         if missing:
@@ -124,18 +124,18 @@ class Geometry:
 
     def write(self, k: np.ndarray) -> None:
         """Give the model the geometry k (nk,) [m, rad]; nothing is recompiled."""
-        model = self._model
-        model.body_pos[self._bodies] = self._body_values.of(k) - self._body_offset
-        turn = rotation.exp(self._turn_values.of(k)) @ self._turn_nominal
-        model.body_quat[self._turns] = rotation.to_quaternion(turn)
-        model.site_pos[self._sites] = self._site_values.of(k)
-        model.body_pos[self._rods, 2] = -self._rod_values.of(k)[:, 0] if len(self._rods) else 0.0
-        if len(self._pivots):
-            model.jnt_pos[self._pivots] = self._pivot_values.of(k)
-        if len(self._axes):
-            turn = rotation.exp(self._axis_values.of(k))
-            model.jnt_axis[self._axes] = (turn @ self._axis_nominal[..., None])[..., 0]
-        if len(self._gears):
-            model.eq_data[self._gears, 1] = self._gear_factors * self._gear_values.of(k)[:, 0]
-        if len(self._tendons):
-            model.tendon_length0[self._tendons] = self._tendon_values.of(k)[:, 0]
+        model, groups = self._model, self._groups
+        body, turn, site, rod, tendon, pivot, axis, gear = groups.values()
+        model.body_pos[body.ids] = body.of(k) - self._body_offset
+        model.body_quat[turn.ids] = rotation.to_quaternion(rotation.exp(turn.of(k)) @ self._turn_nominal)
+        model.site_pos[site.ids] = site.of(k)
+        if rod.places:
+            model.body_pos[rod.ids, 2] = -rod.of(k)[:, 0]
+        if pivot.places:
+            model.jnt_pos[pivot.ids] = pivot.of(k)
+        if axis.places:
+            model.jnt_axis[axis.ids] = (rotation.exp(axis.of(k)) @ self._axis_nominal[..., None])[..., 0]
+        if gear.places:
+            model.eq_data[gear.ids, 1] = self._gear_factors * gear.of(k)[:, 0]
+        if tendon.places:
+            model.tendon_length0[tendon.ids] = tendon.of(k)[:, 0]

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import mujoco
 
+from bench.assembly import GAUSS
 from bench.faults import Fault
 from pcalib.settings import Setting
-
-FIRST = (1 - 1 / math.sqrt(3)) / 2
-"""Where the models cut the arm first, as a share of its length: the first of its two Gauss points."""
 
 
 class ArmBending(Fault):
@@ -34,7 +30,7 @@ class ArmBending(Fault):
     def build(self, spec: mujoco.MjSpec) -> None:
         for i, actuator in enumerate(self.robot.mechanism.actuators):
             tag = actuator.removeprefix("q")
-            length = self.body(spec, f"beam{tag}").pos[1] / FIRST
+            length = self.body(spec, f"beam{tag}").pos[1] / GAUSS[0]
             for way, axis in (("vertical", (1, 0, 0)), ("lateral", (0, 0, 1))):
                 compliance = self.values[way][i]
                 if compliance:

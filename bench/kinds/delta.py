@@ -11,6 +11,7 @@ import math
 import mujoco
 import numpy as np
 
+from bench.assembly import GAUSS, LEAST
 from bench.geometry import Place
 from bench.kinds import MODELS, Home, Kind, Variant
 from pcalib import rotation
@@ -19,10 +20,6 @@ from pcalib.robot import Robot
 
 Z = np.array([0.0, 0.0, 1.0])
 PAIRS = [(i, j) for i in (1, 2, 3) for j in (1, 2)]
-LEAST = 1e-9
-"""[kg] what a moving body needs of mass where the robot file gives none."""
-GAUSS = ((1 - 1 / math.sqrt(3)) / 2, 1 / math.sqrt(3))
-"""Where the arm is cut, as shares of its length: up to the first Gauss point, and on to the second."""
 
 
 def _rods(robot: Robot) -> mujoco.MjSpec:
