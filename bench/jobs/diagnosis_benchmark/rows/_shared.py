@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
 
-from bench.jobs.hidden.design import Design
+from bench.jobs.diagnosis_benchmark.rows import Set, Task
+from bench.jobs.hidden.design import DESIGNS, Design
 from bench.jobs.hidden.stage import Stage
 from bench.kinds import MODELS
 from pcalib import robot as robots
@@ -29,6 +31,14 @@ def robot(name: str) -> Robot:
 def stage(design: Design, kind: str, rng: np.random.Generator) -> Stage:
     """A random robot of a kind before a random plan."""
     return Stage.draw(design, robot(kind), int(rng.integers(2**31)))
+
+
+def nothing(task: Task, rng: np.random.Generator) -> Iterator[Set]:
+    """Sets with nothing hidden, of a robot of the kind whose turn it is."""
+    kind = KINDS[task.number % len(KINDS)]
+    there = stage(DESIGNS["rich"], kind, rng)
+    for _ in range(task.sets):
+        yield Set(there.robot, there.measure((), there.reference, int(rng.integers(2**31))), f"{kind}, nothing")
 
 
 def held_out(model: Model, data: Measurements, sigma_pos: float, good: np.ndarray | None = None) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
-from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, in_words, stage
+from bench.jobs.diagnosis_benchmark.rows._shared import in_words, nothing, stage
 from bench.jobs.hidden.catalogue import CATALOGUE, LISTED
 from bench.jobs.hidden.design import DESIGNS
 from pcalib.diagnosis import steps
@@ -29,16 +29,8 @@ def _hidden(task: Task, rng: np.random.Generator) -> Iterator[Set]:
         yield Set(there.robot, data, f"{what.name}, s {sized.size:.1f}")
 
 
-def _nothing(task: Task, rng: np.random.Generator) -> Iterator[Set]:
-    kind = KINDS[task.number % len(KINDS)]
-    there = stage(DESIGNS["rich"], kind, rng)
-    for _ in range(task.sets):
-        data = there.measure((), there.reference, int(rng.integers(2**31)))
-        yield Set(there.robot, data, f"{kind}, nothing")
-
-
 def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
-    yield from (_hidden if task.variant == "hidden" else _nothing)(task, rng)
+    yield from (_hidden if task.variant == "hidden" else nothing)(task, rng)
 
 
 def contradictions(made: Set) -> tuple[str, list[str]]:
