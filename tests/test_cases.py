@@ -107,6 +107,41 @@ def test_a_tracked_body_whose_axes_are_turned_is_estimated_with_the_frame(robot,
     assert again is not None and again.turn is not None and np.abs(again.turn - frame.turn).max() < 1e-12
 
 
+def test_a_probe_that_triggers_above_the_bed_has_its_height(tmp_path, monkeypatch, capfd):
+    """The printer is as configured: 16.5 mm are the probe's."""
+    monkeypatch.chdir(tmp_path)
+    settings = ("steps_per_mm=100", "rod=280mm", "radius=140mm", "endstop=370mm", "contact_height=16.5mm")
+    said = [word for setting in settings for word in ("--set", setting)]
+    steps = str(CASES / "contact_height" / "steps.csv")
+    assert cli.main(["import", "carriage-steps", steps, *said, "-o", "d.csv", "--robot-output", "r.toml"]) == 0
+    assert cli.main(["fit", "d.csv", "--robot", "r.toml", "--level", "firmware6", "-o", "m.toml"]) == 0
+    assert cli.main(["firmware", "m.toml", "--json", "f.json"]) == 0
+    found = json.loads(Path("f.json").read_text())
+    assert found["position_endstop_mm"] == pytest.approx([370.0] * 3, abs=0.02)
+    assert found["delta_radius_mm"] == pytest.approx(140.0, abs=0.02)
+
+
+def test_motion_capture_that_counts_from_the_home_height_is_in_a_frame_of_its_own(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    capture = str(CASES / "mocap_z_from_home" / "mocap.csv")
+    assert cli.main(["import", "motion-capture", capture, "-o", "d.csv", "--robot-output", "r.toml"]) == 0
+    assert "frame = tracker" in capfd.readouterr().out
+    loaded = robots.load("r.toml")
+    found = identification.fit(measurement.load("d.csv", loaded), loaded)
+    assert found.status == "converged" and found.accuracy.at_the_noise
+    assert found.model.frame is not None and found.model.frame.translation[2] == pytest.approx(-0.565, abs=2e-3)
+
+
+def test_seven_contacts_of_a_rotary_delta_find_the_zero_that_is_off(tmp_path):
+    data, robot = files(("rotary_contacts", "robot", "contacts"))
+    loaded = robots.load(robot)
+    found = identification.fit(measurement.load(data, loaded), loaded, "firmware3")
+    at = dict(zip(found.unknowns.names, zip(found.estimate, np.sqrt(np.diag(found.covariance)), strict=True), strict=True))
+    value, sigma = at["q2.offset"]
+    assert abs(value + np.radians(0.5)) < 2 * sigma < 2e-3
+    assert all(abs(v) < 2 * s for name, (v, s) in at.items() if name != "q2.offset")
+
+
 def test_right_files_of_the_same_robots_raise_no_doubt():
     for case in (("own_delta", "robot", "plain"), ("inspect_silent", "delta", "delta_ok")):
         data, robot = files(case)

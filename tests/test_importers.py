@@ -79,6 +79,18 @@ def test_motion_capture_is_taken_as_it_stands(tmp_path):
     assert longer - mechanism.nominal[mechanism.index("l1")] == pytest.approx(1 / 13.21144)
 
 
+def test_heights_at_known_points_are_the_contacts_that_steps_give(tmp_path):
+    """A printer as configured touches its bed at z = 0: both forms put the carriages at the same heights."""
+    points = np.random.default_rng(4).uniform(-80, 80, (30, 2))
+    steps = importers.run("carriage-steps", write(tmp_path / "s.csv", contact_steps(points, np.zeros(30))), SETTINGS)
+    rows = "".join(f"{x:.9f},{y:.9f},0\n" for x, y in points)
+    (tmp_path / "h.csv").write_text(rows)
+    own = [s for s in SETTINGS if not s.startswith("steps_per_mm")]
+    heights = importers.run("bed-heights", tmp_path / "h.csv", [*own, "probe_offset=30,17mm", "contact_height=2mm"])
+    np.testing.assert_allclose(heights.data.q, steps.data.q, atol=1e-8)
+    assert (heights.data.position[:, 2] == 2e-3).all() and heights.data.tool[0] == pytest.approx([0.03, 0.017, 0.0])
+
+
 @pytest.mark.parametrize("turns", [0.0, 1.5, 154.07, 600.4, 9876.5])
 def test_the_robot_of_a_capture_admits_its_commands(tmp_path, turns):
     """However many revolutions a leg takes, at rest too."""
@@ -101,6 +113,8 @@ def test_the_robot_of_a_capture_admits_its_commands(tmp_path, turns):
         ("carriage-steps", "a,b,c\n1,2,3\n", [], r"in.csv:1: 'a,b,c' is not three step counts"),
         ("carriage-steps", "1,2,nan\n" * 9, [], "is not three step counts"),
         ("carriage-steps", "1,2,3\n" * 3, [], "3 contacts are too few"),
+        ("bed-heights", "0,0,0\n1,2\n" * 5, [], r"in.csv:2: '1,2' is not x, y and z"),
+        ("bed-heights", "0,0,0\n900,0,0\n" * 5, [], r"in.csv:2: rods of 340 mm do not reach this point"),
         ("carriage-steps", "1,2,3\n1,90000,3\n" * 3, [], r"in.csv:2: .* below the bed"),
         ("carriage-steps", "1,2,3\n" * 9, ["rod=100mm"], "rods of 100 mm cannot span"),
         ("carriage-steps", "1,2,3\n" * 9, ["rod=100"], "no unit"),

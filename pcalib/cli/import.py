@@ -25,11 +25,11 @@ def command(
     """Turn measurements of another origin into a measurement file and a robot file.
 
     Forms: motion-capture (a six-leg platform: leg commands in motor revolutions, measured position and quaternion) and
-    carriage-steps (a linear Delta printer: carriage steps at contacts with the bed). With a form alone its settings
-    are listed.
+    carriage-steps and bed-heights (a linear Delta printer: carriage steps at contacts with the bed, or heights of the
+    bed probed at known x and y). With a form alone its settings are listed.
 
     Args:
-        form: What the file holds: motion-capture or carriage-steps.
+        form: What the file holds: motion-capture, carriage-steps or bed-heights.
         file: File to read.
         output: Measurement file to write, CSV or Parquet.
         robot_output: Robot file to write: the robot as drawn or configured.

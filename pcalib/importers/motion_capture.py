@@ -22,11 +22,16 @@ from pcalib import rotation
 from pcalib.data import table
 from pcalib.data.measurement import Measurements
 from pcalib.importers import Imported, Importer, Option
+from pcalib.mechanics import kinematics
 
 LEGS = tuple(f"leg_length_{i}" for i in range(1, 7))
 POSITION = tuple(f"position_{c}" for c in "xyz")
 QUATERNION = tuple(f"orientation_{c}" for c in "wxyz")
 
+FOREIGN = 0.1
+"""Share of the home height by which positions must be off the drawing, in the middle, to be of another frame: a
+platform whose legs are off by millimetres stays far below, one that counts from its home height or from the floor is
+a whole height off."""
 _ROBOT = """\
 # A six-leg platform with legs commanded in motor revolutions, as drawn.
 name = "platform"
@@ -76,15 +81,26 @@ def read(path: Path, settings: Mapping[str, np.ndarray]) -> Imported:
             remedy="the order is orientation_x, orientation_y, orientation_z, orientation_w",
         )
     R = rotation.from_quaternion(quaternion / length[:, None])
-    robot = _robot(path, settings, revolutions, position, R)
+    drawn = _robot(path, settings, revolutions, position, R)
+    solution = kinematics.forward(drawn.mechanism, drawn.mechanism.nominal, 2 * np.pi * revolutions)
+    there, body = solution.pose.x[solution.ok], solution.pose.R[solution.ok]
+    own = len(there) > 3 and np.median(np.linalg.norm(1e-3 * position[solution.ok] - there, axis=1)) > FOREIGN * float(
+        settings["home_height"][0]
+    )
+    robot = _robot(path, settings, revolutions, 1e3 * there, body) if own else drawn
     data = Measurements.create(
         robot, 2 * np.pi * revolutions, 1e-3 * position, R,
         sigma_pos=float(settings["sigma_pos"][0]), sigma_rot=float(settings["sigma_rot"][0]), source=str(path),
+        frame="tracker" if own else "base",
     )  # fmt: skip
+    place = (
+        "positions are those of the capture's own frame, which is not the robot's: frame = tracker" if own
+        else "positions are taken to be in the robot's frame (frame = base); write frame = tracker where they are not"
+    )
     notes = (
         f"σ is taken as {1e3 * settings['sigma_pos'][0]:.3g} mm and {np.degrees(settings['sigma_rot'][0]):.3g}° "
         "(sigma_pos=…, sigma_rot=…): instrument and repeatability of the legs together",
-        "positions are those of the capture's own frames; the fitted joints are given in them",
+        place,
     )
     return Imported(data, robot, notes)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,7 @@ _CLASSICAL = (
     "One rod for each parallelogram, one length for each arm and rod, one offset for each motor. The plate cannot tilt "
     "in this model."
 )
+_FEW = "What the firmware of a printer holds, for a few contacts. The plate cannot tilt in this model."
 _MODEL24 = (
     "All that perfect parallelograms can have wrong (Vischer's Model 24). The plate's centre is right; its tilt is not "
     "in the model, so the miss grows with the tool."
@@ -88,8 +89,27 @@ def _levels(layout: Layout, u: np.ndarray, ax: np.ndarray) -> dict[str, Level]:
             swings = [along(f"b{rod}", swing, ax[2 * n + j]) for j, rod in enumerate(pair)]
             turns[f"beta{i}.{c}"] = ("rad", {f"beta{i}.{c}": 1.0} | swings[0] | swings[1])
     lengths = {name: column for name, column in classical.items() if column[0] == "m"}
+
+    def common(names: Iterator[str]) -> tuple[str, dict[str, float]]:
+        return "m", {part: change for name in names for part, change in classical[name][1].items()}
+
+    few = {name: column for name, column in classical.items() if column[0] == "rad"}
+    out = np.cross([0.0, 0.0, 1.0], u)
+    firmware = {"firmware3": (dict(few), "The zeros of the motors")}
+    for name, column, added in (
+        ("radius", ("m", {e: d for n, i in enumerate(ARMS) for e, d in along(f"p{i}", out[n]).items()}), "one radius"),
+        ("arm.length", common(f"arm{i}.length" for i in ARMS), "one arm length"),
+        ("rod.length", common(f"rod{i}.length" for i in ARMS), "one rod length"),
+    ):
+        text = f"{firmware[f'firmware{len(few)}'][1]}, {added}"
+        few[name] = column
+        firmware[f"firmware{len(few)}"] = (dict(few), text)
     return {
         "nominal": layout.level("nominal", {}, perfect=True, text=AS_DRAWN),
+        **{
+            name: layout.level(name, columns, perfect=True, strict=True, text=f"{text}. {_FEW}")
+            for name, (columns, text) in firmware.items()
+        },
         "classical": layout.level("classical", classical, perfect=True, text=_CLASSICAL),
         "model24": layout.level("model24", plates | lengths | turns, perfect=True, text=_MODEL24),
         "complete": layout.complete_level(),
