@@ -136,7 +136,8 @@ def test_seven_contacts_of_a_rotary_delta_find_the_zero_that_is_off(tmp_path):
     data, robot = files(("rotary_contacts", "robot", "contacts"))
     loaded = robots.load(robot)
     found = identification.fit(measurement.load(data, loaded), loaded, "firmware3")
-    at = dict(zip(found.unknowns.names, zip(found.estimate, np.sqrt(np.diag(found.covariance)), strict=True), strict=True))
+    sigmas = np.sqrt(np.diag(found.covariance))
+    at = dict(zip(found.unknowns.names, zip(found.estimate, sigmas, strict=True), strict=True))
     value, sigma = at["q2.offset"]
     assert abs(value + np.radians(0.5)) < 2 * sigma < 2e-3
     assert all(abs(v) < 2 * s for name, (v, s) in at.items() if name != "q2.offset")
