@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import wording
+from pcalib import rotation, wording
+from pcalib.data import orientation
 from pcalib.data.columns import TEMPERATURES
 from pcalib.data.measurement import Measurements
 from pcalib.data.replicates import Noise, groups
@@ -251,6 +252,26 @@ def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
         if tilt > robot.mechanism.max_tilt:
             tilted = f"The plate tilts by up to {np.rad2deg(tilt):.0f}°: is the rotation's unit right?"
             yield Finding("warning", "odd_rotation", tilted)
+
+
+def rotations(data: Measurements) -> Iterator[Finding]:
+    """How rx, ry and rz are read, and whether Euler angles would be something else."""
+    turned = data.mask[:, 3]
+    if data.written is None or data.written.shape[1] != 3 or not turned.any():
+        return
+    vector, R = data.written[turned], data.rotation[turned]
+    other = max(
+        float(np.linalg.norm(rotation.log(orientation.from_euler(order, vector) @ rotation.transposed(R)), axis=1).max())
+        for order in ("xyz", "zyx")
+    )
+    sigma = float(np.median(data.sigma[turned, 3]))
+    so = f"by up to {wording.angle(other)} otherwise: if they are, write '# euler = ZYX' (or the order they have)"
+    if other < sigma:
+        so = f"by {wording.angle(other)} at most otherwise, less than σ, and either reading gives the same fit"
+    yield Finding(
+        "note", "rotation_vector",
+        f"rx, ry and rz are read as a rotation vector (axis × angle). As Euler angles they would turn the plate {so}.",
+    )  # fmt: skip
 
 
 def copies(data: Measurements) -> np.ndarray:

@@ -54,6 +54,7 @@ def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
         *findings.conditions(data),
         *findings.noise_level(data, noise),
         *findings.values(data, robot),
+        *findings.rotations(data),
     ]
     if nominal is not None and robot is not None:
         found += findings.against_nominal(data, nominal, mixups.judge(data, robot))

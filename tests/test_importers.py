@@ -165,7 +165,7 @@ def test_the_command_writes_both_files_or_says_what_is_missing(tmp_path, capsys)
     content = json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))
     assert content["schema"] == "pcalib.import/1" and content["form"] == "carriage-steps"
     rod = {"setting": "rod", "default": [340.0], "unit": "mm", "text": "rod length in the present configuration"}
-    assert rod in content["settings"] and len(content["settings"]) == 9
+    assert rod in content["settings"] and len(content["settings"]) == 11
 
 
 def test_a_good_residual_with_the_wrong_rods_is_not_taken_on_trust(tmp_path):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pcalib import rotation, units
 from pcalib.data import columns as cols
 from pcalib.data import instrument as instruments
-from pcalib.data import orientation, plausibility
+from pcalib.data import orientation, plausibility, spelling
 from pcalib.data import sigma as sigmas
 from pcalib.data import table as tables
 from pcalib.data.columns import Columns
@@ -191,7 +191,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     Raises:
         InputError: whatever cannot be used, with file, line, column and remedy.
     """
-    table = tables.read(path)
+    table = spelling.read(path)
     names, dimension = cols.actuators(table, robot)
     plain = (*orientation.QUATERNION, *(f"dir{i + 1}" for i in range(len(names))), "pose_id", "set")
     wanted = dict.fromkeys(names, dimension) | cols.POSITION | cols.ROTATION | cols.CONDITIONS | sigmas.KEYS

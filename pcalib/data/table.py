@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 PARQUET = (".parquet", ".pq")
+_CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
+"""Bytes that no text has."""
+_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 LARGEST = 1e30
 """Numbers in files stay below this, so that no square or unit overflows later on."""
 MOST_CELLS = 50_000_000
@@ -166,7 +170,7 @@ def _short(cell: str) -> str:
 
 
 def _read_csv(path: Path) -> Table:
-    text = files.read_text(path)
+    text = _decoded(path)
     if text.startswith("PAR1"):
         raise InputError("this is a Parquet file", file=path, remedy="give it a name that ends with .parquet")
     stream = io.StringIO(text, newline="")
@@ -179,7 +183,8 @@ def _read_csv(path: Path) -> Table:
         yield from stream
 
     # The csv module refuses fields beyond this length and broken quotes with an error of its own.
-    reader = csv.reader(body(), strict=True)
+    separator = next((s for s in ";\t" if s in first and "," not in first), ",")
+    reader = csv.reader(body(), delimiter=separator, strict=True)
     header: list[str] = []
     rows: list[list[str]] = []
     lines: list[int] = []
@@ -198,16 +203,39 @@ def _read_csv(path: Path) -> Table:
         raise InputError(
             f"not valid CSV: {error}", file=path, line=above + reader.line_num, remedy="check the quotes of this line"
         ) from None
-    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-        if width == 1 and separator in header[0]:
-            problem = f"columns are separated by {name}"
-            raise InputError(problem, file=path, line=top, remedy="separate them with commas")
     for number, name in enumerate(header):
         if name and name in header[:number]:
             raise InputError(f"column '{name}' is given twice", file=path, line=top, remedy="keep one of them")
     cells = zip(*rows, strict=True) if rows else [()] * width
     columns = {name: [cell.strip() for cell in column] for name, column in zip(header, cells, strict=True)}
+    if separator != ",":  # then a comma is a decimal one
+        columns = {name: [_point(cell) for cell in column] for name, column in columns.items()}
     return Table(str(path), columns, np.array(lines, int), metadata, metadata_lines, comments, top)
+
+
+def _decoded(path: Path) -> str:
+    """The text of a table: UTF-8, or UTF-16 and Windows-1252 as spreadsheets save them.
+
+    Raises:
+        InputError: as :func:`pcalib.files.read_text`.
+    """
+    content = files.read_bytes(path)
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        try:
+            return content.decode("utf-16")
+        except UnicodeDecodeError:
+            pass
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError:
+        if not _CONTROL.search(content) and not content.startswith(b"PAR1"):
+            return content.decode("cp1252", "replace")
+    return files.read_text(path)
+
+
+def _point(cell: str) -> str:
+    """A number with a decimal comma as one with a point; any other text as it is."""
+    return cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell
 
 
 def _head(stream: io.StringIO, path: Path) -> tuple[dict[str, str], dict[str, int], dict[int, str], str, int]:

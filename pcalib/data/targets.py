@@ -10,7 +10,7 @@ import numpy as np
 
 from pcalib import rotation, units
 from pcalib.data import columns as cols
-from pcalib.data import plausibility
+from pcalib.data import plausibility, spelling
 from pcalib.data import table as tables
 from pcalib.errors import InputError
 from pcalib.robot import Robot
@@ -57,7 +57,7 @@ def load_targets(path: str | Path, robot: Robot) -> Targets:
     Raises:
         InputError: whatever cannot be used, with file, line, column and remedy.
     """
-    table = tables.read(path)
+    table = spelling.read(path)
     mechanism = robot.mechanism
     count = len(mechanism.actuators)
     old = dict.fromkeys(mechanism.actuators, mechanism.actuator_dimension)
@@ -118,7 +118,7 @@ def load_commands(path: str | Path, robot: Robot) -> tuple[np.ndarray, np.ndarra
     Raises:
         InputError: no command file, or a row whose status is 'ok' lacks an actuator value.
     """
-    table = tables.read(path)
+    table = spelling.read(path)
     mechanism = robot.mechanism
     wanted = dict.fromkeys(mechanism.actuators, mechanism.actuator_dimension)
     columns = cols.assign(table, wanted, (STATUS,), len(wanted))
