@@ -260,10 +260,10 @@ def rotations(data: Measurements) -> Iterator[Finding]:
     if data.written is None or data.written.shape[1] != 3 or not turned.any():
         return
     vector, R = data.written[turned], data.rotation[turned]
-    other = max(
-        float(np.linalg.norm(rotation.log(orientation.from_euler(order, vector) @ rotation.transposed(R)), axis=1).max())
-        for order in ("xyz", "zyx")
-    )
+    apart = [
+        rotation.log(orientation.from_euler(order, vector) @ rotation.transposed(R)) for order in ("xyz", "zyx")
+    ]
+    other = float(np.linalg.norm(apart, axis=-1).max())
     sigma = float(np.median(data.sigma[turned, 3]))
     so = f"by up to {wording.angle(other)} otherwise: if they are, write '# euler = ZYX' (or the order they have)"
     if other < sigma:
