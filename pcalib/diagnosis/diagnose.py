@@ -11,7 +11,7 @@ import numpy as np
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis import noise as noises
-from pcalib.diagnosis.adequacy import AGAINST, ALPHA, Test
+from pcalib.diagnosis.adequacy import AGAINST, SEARCH, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
 from pcalib.diagnosis.held_out import HeldOut, refitted
 from pcalib.diagnosis.hypothesis import Hypothesis
@@ -29,6 +29,8 @@ N_DRAWS = 4096
 FEWEST_LEFT = 10
 """Degrees of freedom that the fit must leave for anything to be established: with nine the scale of the residuals is
 known to a quarter, and a wrong effect of four parameters takes nearly half of them."""
+CLEARLY = 6.0
+"""Difference of BIC from which one explanation is clearly better than another ('strong' by Kass & Raftery 1995)."""
 BEYOND = 3.0
 """σ by which fitted parameters may lie beyond their physical range and still be possible."""
 
@@ -83,6 +85,8 @@ class Diagnosis:
     """The model as it stands, without a refit."""
     checked: Measurements | None
     """Held-out rows that were used; None where there are none."""
+    events: tuple[Cell, ...]
+    """Steps and changes of slope each of which explains as much as the sets do, or everything where there are none."""
     critical: float
     """Single p below which something counts as found, all that was looked at considered."""
 
@@ -113,7 +117,7 @@ def diagnose(
     data: Measurements,
     own: Sequence[Effect] = (),
     largest: int = 2,
-    alpha: float = ALPHA,
+    alpha: float = SEARCH,
     n_draws: int = N_DRAWS,
     seed: int = 0,
     without: Sequence[str] = (),
@@ -146,12 +150,13 @@ def diagnose(
     null = adequacy.null_distribution(screen)
     critical = float(np.quantile(null, alpha))
     levels = (alpha, against[0], *[against[1]] * (largest - 1))[: largest + 1]
-    sets = _explanations(_World((), made, screen, null), data, own, levels, n_draws, seed, without)
+    sets, events = _explanations(_World((), made, screen, null), data, own, levels, n_draws, seed, without)
     held = HeldOut.of(made, data)
     given = _as_given(made, screen, held)
     if sets and not sets[0].names and (made.outliers.too_many or given.against):
         sets = []  # what a refit leaves of the rows to fit may look like noise, but the rest does not
     sets = _doubted(sets, made, screen, held, data)
+    hot = cells(made.patterns, len(made.candidates), screen, start.p, null)
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)
     tested = [f.candidate.name for f in findings if f.why is None and f.candidate.effect is not None]
@@ -161,13 +166,14 @@ def diagnose(
         sets=tuple(sets),
         refuted=refuted(tested, sets),
         findings=findings,
-        cells=cells(made.patterns, len(made.candidates), screen, start.p, null),
+        cells=hot,
         unavailable=made.unavailable,
         noise=made.noise,
         misfit=misfit(screen),
         problem=made,
         given=given,
         checked=held.data if held else None,
+        events=tuple(c for i in events for c in hot if c.found is made.patterns[i].found),
         critical=critical,
     )
 
@@ -175,9 +181,11 @@ def diagnose(
 def _as_given(made: Problem, screen: Screen, held: HeldOut | None) -> AsGiven:
     U = span(made.nuisance, NUISANCE)
     inside = U.T @ made.y
+    # Where a refit leaves more than noise, the weights of its rows decide where it ends: by as much as it leaves.
+    left = max(float(screen.residual @ screen.residual) / max(screen.free, 1), 1.0)
     out = AsGiven(
         fit=float(np.sqrt(np.mean(made.y**2))),
-        refit_p=float(screen.p_value(float(inside @ inside), U.shape[1])) if U.shape[1] else 1.0,
+        refit_p=float(screen.p_value(float(inside @ inside) / left, U.shape[1])) if U.shape[1] else 1.0,
     )
     if made.noise.source == "residuals" and all(made.data.stated):
         stated = noises.as_stated(made.data)
@@ -196,7 +204,7 @@ def _doubted(
     """The explanations with what held-out rows say of the best one, and with what keeps it from being established."""
     if not sets or not shared(sets):
         return sets
-    best, doubts = sets[0], []
+    best, doubts = sets[0], list(sets[0].doubts)
     if held is None:
         doubts.append(Doubt.NOTHING_HELD_OUT)
     else:
@@ -221,8 +229,9 @@ def _explanations(
     n_draws: int,
     seed: int,
     without: Sequence[str] = (),
-) -> list[Explanation]:
-    """The smallest adequate sets over all geometry levels, one per combination of names, best first.
+) -> tuple[list[Explanation], tuple[int, ...]]:
+    """The smallest adequate sets over all geometry levels, one per combination of names, best first; and the
+    patterns that are events which explain as much.
 
     Args:
         levels: at which data speak against a set, by its size from none on.
@@ -237,12 +246,48 @@ def _explanations(
             for chosen in world.adequate(room, level):
                 explained = _explanation(world, chosen)
                 found.setdefault(explained.names, explained)
-        if found:
-            ordered = sorted(found.values(), key=lambda e: e.bic)
-            return ordered
+        ordered = sorted(found.values(), key=lambda e: e.bic)
+        events = _events(start, level) if size == 1 else []
+        if events and not (ordered and ordered[0].bic < events[0].bic - CLEARLY):
+            which = tuple(event.pattern for event in events)
+            if not ordered or events[0].bic < ordered[0].bic - CLEARLY:
+                return [], which
+            return [replace(ordered[0], doubts=(Doubt.EVENT,)), *ordered[1:]], which
+        if ordered:
+            return ordered, ()
         if size == 0:  # something is missing: now it is worth the refits at richer levels
             worlds += _richer(made, data, own, n_draws, seed, without)
-    return []
+    return [], ()
+
+
+@dataclass(frozen=True)
+class _Event:
+    pattern: int
+    bic: float
+    p: float
+    """Of the pattern by itself. It orders events, because BIC would ask much more of the six numbers of a frame than of
+    the one of a motor."""
+
+
+def _events(world: _World, level: float) -> list[_Event]:
+    """Steps and changes of slope that explain everything by themselves, best first."""
+    made, screen, out = world.problem, world.screen, []
+    reference = float(np.quantile(world.null, level))
+    for i, pattern in enumerate(made.patterns):
+        g = len(made.candidates) + i
+        if pattern.found is None or not screen.visible[g] or not adequacy.explains(screen, [g]):
+            continue
+        if adequacy.is_adequate(screen, [g], level, reference):
+            # A place that was searched for costs as much as the tries it is the best of.
+            cost = 2 * np.log(screen.trials[g]) + (screen.visible[g] + _columns(made)) * np.log(len(made.y))
+            rest = float(screen.y @ screen.y - np.sum((screen.blocks[g].T @ screen.y) ** 2))
+            p = float(adequacy.p_values(screen).p[g])
+            out.append(_Event(i, rest + cost, p))
+    return sorted(out, key=lambda event: event.p)
+
+
+def _columns(made: Problem) -> int:
+    return int(np.linalg.matrix_rank(made.nuisance, NUISANCE))
 
 
 def possible(made: Problem, screen: Screen, chosen: Sequence[int]) -> bool:
@@ -324,7 +369,7 @@ def _explanation(world: _World, chosen: tuple[int, ...]) -> Explanation:
     if chosen:
         Q = screen.joint(chosen)
         rest = rest - np.sum((Q.T @ screen.y) ** 2)
-    columns = sum(len(made.candidates[g].scale) for g in chosen) + np.linalg.matrix_rank(made.nuisance, NUISANCE)
+    columns = sum(len(made.candidates[g].scale) for g in chosen) + _columns(made)
     return Explanation(
         members=tuple(members[i] for i in order),
         theta=tuple(values[i] for i in order),

@@ -51,6 +51,9 @@ class NoiseLevel:
     """[rad] the same."""
     stated: tuple[bool, bool]
     """Whether the file states σ of positions and of rotations."""
+    repeatable: float = 0.0
+    """[rad or m] errors of the joints that what is left over shows and replicates do not: they repeat, so they are no
+    noise."""
     pooled: bool = False
     """What lies outside every effect and pattern agrees with the replicates, and is counted in."""
 
@@ -180,7 +183,12 @@ def from_replicates(data: Measurements, blocks: Blocks, V: np.ndarray) -> NoiseL
 
 
 def from_rest(
-    data: Measurements, blocks: Blocks, Q: np.ndarray, luck: float = 0.0, enough: int = ENOUGH_REST
+    data: Measurements,
+    blocks: Blocks,
+    Q: np.ndarray,
+    luck: float = 0.0,
+    enough: int = ENOUGH_REST,
+    joints: bool = True,
 ) -> NoiseLevel | None:
     """The level outside geometry and every group; None where too little is left over.
 
@@ -188,6 +196,8 @@ def from_rest(
         Q: (N, 6, d) orthonormal basis of nuisance and all groups, and of replicates that are judged by themselves.
         luck: square sum, noise units, that Q takes beyond its dimensions because it was chosen to suit the noise.
         enough: degrees of freedom, per class of readings, below which nothing is said.
+        joints: whether joint repeatability may be part of it. Where replicates show none, errors of the joints repeat
+            and are no noise.
     """
     S = blocks.components()
     flat = Q.reshape(-1, Q.shape[-1])
@@ -202,10 +212,10 @@ def from_rest(
     dof = np.array([np.sum(np.trace(S[k], axis1=1, axis2=2)) - np.trace(QSQ[k]) for k in range(2)])
     b *= 1 + luck / max(dof.sum() - luck, 1.0)
 
-    return _solve("residuals", data, blocks, lambda theta: (B, b), dof, enough)
+    return _solve("residuals", data, blocks, lambda theta: (B, b), dof, enough, joints)
 
 
-AGREE = 0.003
+AGREE = 0.01
 """p of a two-sided F test from which on replicates and what is left over are two samples of one noise."""
 
 
@@ -232,9 +242,9 @@ def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
         ratio = np.sqrt(share * repeated.ratio**2 + (1 - share) * rest.ratio**2)
         both = share[known].mean()
         sigma_q = float(np.sqrt(both * repeated.sigma_q**2 + (1 - both) * rest.sigma_q**2))
-    else:  # the larger sample decides whether joints show
-        larger = rest if weights[1].sum() > weights[0].sum() else repeated
-        ratio, sigma_q = larger.ratio, larger.sigma_q
+    else:  # joints are noise only where both say so: what the rest alone shows repeats
+        plain = repeated if rest.sigma_q else rest
+        ratio, sigma_q = plain.ratio, 0.0
     pos, rot = (
         float(np.sqrt((a * x**2 + b * y**2) / (a + b))) if a + b else x
         for x, y, a, b in zip(repeated.total, rest.total, *weights, strict=True)
@@ -249,6 +259,7 @@ def _solve(
     normal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
     dof: np.ndarray,
     enough: int,
+    joints: bool = True,
 ) -> NoiseLevel | None:
     """Variances θ from their normal equations; joint repeatability only where it is clearly there.
 
@@ -265,7 +276,7 @@ def _solve(
         [np.trace(S[k][:, p, p], axis1=1, axis2=2).sum() for k in range(3)] for p in part
     ]) / np.maximum([[blocks.measured[:, p].sum()] for p in part], 1)  # fmt: skip
     found = _scored(normal, plain, held, share[:, 2])
-    joint = _scored(normal, np.r_[plain, 2], held, share[:, 2])
+    joint = _scored(normal, np.r_[plain, 2], held, share[:, 2]) if joints else None
     # Equations that do not depend on θ (MINQUE) state its doubt for noise of size 1.
     stated_for_one = source == "residuals"
     size = joint[0][:2].max() + joint[0][2] if joint is not None and stated_for_one else 1.0

@@ -14,6 +14,7 @@ import numpy as np
 from pcalib.diagnosis.adequacy import corrected
 from pcalib.diagnosis.point import Point, Response
 from pcalib.diagnosis.screen import NOT_SEARCHED, Screen, Search
+from pcalib.diagnosis.searched import Break
 from pcalib.effects.base import Contribution, Situation
 
 CHANNELS = {
@@ -33,6 +34,8 @@ FLAT = 0.05
 contacts of a level bed differ by."""
 STEADY = 1e-2
 """Share of its size by which a load must vary over the poses to be a variable."""
+BREAKS = {"step": "a step", "slope": "a change of slope"}
+"""Shape of a break → variable of its cell."""
 FINE = "q, in fine waves"
 """Variable of errors that go up and down many times over the range of a motor."""
 
@@ -51,6 +54,8 @@ class Pattern:
     """How it was found, where it was searched for."""
     sliding: bool = False
     """Whether actuator values are lengths."""
+    found: Break | None = None
+    """Where it breaks, of a pattern that is a step or a change of slope."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,10 @@ class Cell:
     """Columns."""
     sliding: bool = False
     """Whether actuator values are lengths."""
+    found: Break | None = None
+    """Where it breaks, of a step or a change of slope."""
+    theta: np.ndarray | None = None
+    """(p,) [SI] size of that break, fitted alone."""
 
 
 def cells(patterns: Sequence[Pattern], first: int, screen: Screen, p: np.ndarray, null: np.ndarray) -> tuple[Cell, ...]:
@@ -85,6 +94,8 @@ def cells(patterns: Sequence[Pattern], first: int, screen: Screen, p: np.ndarray
             float(np.linalg.norm(screen.blocks[first + i].T @ screen.y)),
             int(screen.visible[first + i]),
             patterns[i].sliding,
+            patterns[i].found,
+            screen.estimate([first + i])[0][0] if patterns[i].found else None,
         )
         for i in order
     )
@@ -149,6 +160,14 @@ def ripple(point: Point, cycles: int, search: Search) -> Pattern:
     waves = [np.stack([np.sin(cycles * angle), np.cos(cycles * angle)], axis=-1) for angle in q.T]
     columns = _each(point.response().actuator, lambda i: waves[i])
     return Pattern("actuator", FINE, columns, _SIZE["actuator"], search)
+
+
+def broken(found: Break, point: Point) -> Pattern:
+    """A step or a change of slope as a pattern."""
+    sliding = point.situation.robot.mechanism.actuator_dimension == "length"
+    return Pattern(
+        found.channel, BREAKS[found.shape], found.columns, _SIZE[found.channel], found.search, sliding, found
+    )
 
 
 _SIZE = {"actuator": 3e-4, "parallelogram": 1e-4, "rod": 1e-4, "body": 1e-4, "tool": 3e-4}

@@ -15,10 +15,10 @@ from pcalib.diagnosis import outliers
 from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates
 from pcalib.diagnosis.noise import Blocks, NoiseLevel
 from pcalib.diagnosis.outliers import Outliers
-from pcalib.diagnosis.patterns import Pattern, patterns, ripple
+from pcalib.diagnosis.patterns import Pattern, broken, patterns, ripple
 from pcalib.diagnosis.point import Point
-from pcalib.diagnosis.ripple import scanned
 from pcalib.diagnosis.screen import NUISANCE, Group, Known, Screen, joint_span, outside, screen, span
+from pcalib.diagnosis.searched import breaks, scanned
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
 from pcalib.fitting.sufficiency import require_reach
@@ -161,7 +161,9 @@ def problem(
     model = linearisation.seen_from(model, fit)
     made = _linearised(model, fit, own, without)
     if not all_rows:
-        known = span(made.nuisance, NUISANCE)
+        events = [p for p in made.patterns if p.found is not None and p.found.clear]
+        steps = [made.whitened(p.columns) * p.size for p in events]  # rows after a step are no outliers
+        known = span(np.hstack([made.nuisance, *steps]), NUISANCE)
         odd = outliers.find(made.y, joint_span(made.nuisance, made.groups), made.row, len(fit), known)
         if len(odd.rows) and not odd.kept:
             keep = np.ones(len(fit), bool)
@@ -196,11 +198,13 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
     found = [c for c in found if c.name not in without]
     # The patterns together leave half of what the data can say to judge the noise by, each a fair share to others.
     room = len(linear.residual) - int(np.linalg.matrix_rank(nuisance, NUISANCE))
-    cells = patterns(point, max(3, min(60, room // 6)), max(30, room // 2 - 20), np.asarray(fit.mask.any(axis=0)))
+    seen = np.asarray(fit.mask.any(axis=0))
+    cells = patterns(point, max(3, min(60, room // 6)), max(30, room // 2 - 20), seen)
     if point.situation.robot.mechanism.actuator_dimension == "angle" and not any(c.search.trials > 1 for c in found):
         # No effect that is searched for speaks for fast errors of the motors: the patterns have to.
         best, search = scanned(point, linear.residual, nuisance, whiten)[-1]
         cells.append(ripple(point, best.cycles[0], search))
+    cells += [broken(b, point) for b in breaks(point, linear.residual, nuisance, linear.row, seen, whiten)]
     eye = np.broadcast_to(np.eye(6), (len(fit), 6, 6))
     return Problem(
         model, fit, point, linear.residual, nuisance, linear.row, linear.component,
@@ -233,19 +237,33 @@ def _blocks(made: Problem) -> Blocks:
 def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
     """The best noise level that the data allow."""
     drift = [c for c in made.candidates if c.name == "base_drift"]
-    columns = Noise.of(made.data).padded(drift[0].columns * drift[0].scale) if drift else np.zeros((*blocks.y.shape, 0))
-    V = noises.contrasts(made.data, made.data.mask, columns)
+    between = [drift[0].columns * drift[0].scale] if drift else []
+    between += [p.columns * p.size for p in made.patterns if p.found is not None and p.found.clear]
+    columns = np.concatenate([np.zeros((*blocks.y.shape, 0)), *between], axis=-1)
+    V = noises.contrasts(made.data, made.data.mask, Noise.of(made.data).padded(columns))
     repeated = noises.from_replicates(made.data, blocks, V)
     Q = joint_span(made.nuisance, made.groups)
     if repeated is not None:
         Q = np.hstack([Q, outside(_gather(V, made.row, made.component), Q)])
     # What was chosen to suit the noise took of it in all directions alike: some outside all else.
-    luck = max((group.search.luck for group in made.groups), default=0.0) * (1 - Q.shape[1] / len(made.y))
+    luck = _luck(made) * (1 - Q.shape[1] / len(made.y))
     enough = noises.ENOUGH_REST if repeated is None else noises.ENOUGH_BESIDE
-    rest = noises.from_rest(made.data, blocks, _scatter(Q, made), luck, enough)
+    joints = repeated is None or repeated.sigma_q > 0
+    rest = noises.from_rest(made.data, blocks, _scatter(Q, made), luck, enough, joints)
     if repeated is not None:
-        return noises.pooled(repeated, rest)
+        level = noises.pooled(repeated, rest)
+        if level.pooled or rest is None or repeated.sigma_q:
+            return level
+        with_joints = noises.from_rest(made.data, blocks, _scatter(Q, made), luck, enough)
+        return replace(level, repeatable=with_joints.sigma_q if with_joints else 0.0)
     return rest or noises.as_stated(made.data)
+
+
+def _luck(made: Problem) -> float:
+    """Square sum, noise units, that searches take of pure noise beyond their columns: the largest of the ripples, which
+    share their waves, and of every other search its own."""
+    ripples = [c.search.luck for c in made.candidates] + [p.search.luck for p in made.patterns if p.found is None]
+    return max(ripples, default=0.0) + sum(p.search.luck for p in made.patterns if p.found is not None)
 
 
 def _scatter(columns: np.ndarray, made: Problem) -> np.ndarray:

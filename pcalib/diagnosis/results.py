@@ -13,6 +13,7 @@ from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.held_out import Change
 from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell
+from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import Step
 from pcalib.diagnosis.telling import advice, one_per_effect, sentence
 
@@ -43,8 +44,14 @@ def _change_json(change: Change | None) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _cell_json(cell: Cell) -> dict[str, Any]:
-    return {"channel": cell.channel, "variable": cell.variable, "p": cell.p, "s": cell.s, "columns": cell.d}
+def _cell_json(cell: Cell, made: Problem) -> dict[str, Any]:
+    out = {"channel": cell.channel, "variable": cell.variable, "p": cell.p, "s": cell.s, "columns": cell.d}
+    if cell.found is not None and cell.theta is not None:
+        out["break"] = {
+            "shape": cell.found.shape, "member": cell.found.member if cell.found.member >= 0 else None,
+            "line": int(made.data.lines[cell.found.row]), "size": cell.theta.tolist(),
+        }  # fmt: skip
+    return out
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
@@ -83,7 +90,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             "against": list(found.given.against),
         },
         "outliers": [int(made.given.lines[i]) for i in made.outliers.rows],
-        "heatmap": [_cell_json(c) for c in found.cells],
+        "heatmap": [_cell_json(c, made) for c in found.cells],
         "next": advice(found),
     }
 
@@ -133,7 +140,7 @@ def comparison_json(c: Comparison) -> dict[str, Any]:
             }
             for w in c.worst
         ],
-        "heatmap": [_cell_json(cell) for cell in c.cells],
+        "heatmap": [_cell_json(cell, c.problem) for cell in c.cells],
     }
 
 

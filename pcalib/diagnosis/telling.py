@@ -17,7 +17,7 @@ from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import Step
 from pcalib.diagnosis.verdict import Against
 from pcalib.fitting.identification import Accuracy, Fit
-from pcalib.wording import angle, clipped, deviation, figure, size
+from pcalib.wording import angle, clipped, deviation, figure, size, small
 
 HOT = 0.05
 """Corrected p below which a cell of the map counts as hot."""
@@ -101,6 +101,10 @@ def _verdict(found: Diagnosis) -> str:
         options = _or([" with ".join(n for n in e.names if n not in found.established) for e in found.sets])
         sure = f"{' and '.join(found.established)} in any case, and with it " if found.established else ""
         return f"Something is missing: {sure}{options}. These poses cannot tell which."
+    if found.events:
+        event = broken(found.problem, found.events[0])
+        rest = "with it, what is left looks like noise"
+        return f"Something happened while measuring. {event[0].upper()}{event[1:]}; {rest}."
     odd, hot = found.problem.outliers, hot_cells(found.cells)
     if odd.too_many and not hot:
         what = "what the others leave over looks like noise" if not odd.kept else "too many to set them aside"
@@ -109,7 +113,7 @@ def _verdict(found: Diagnosis) -> str:
         if Against.HELD_OUT in found.given.against and Against.STALE not in found.given.against:
             return "Something is missing that the rows to fit do not show."
         return "" if Against.STALE in found.given.against else "Something is missing, or σ is stated too small."
-    return f"Something is missing, and no effect of the library explains it. {_where(found.cells)}"
+    return f"Something is missing, and no effect of the library explains it. {_where(found)}"
 
 
 def _or(options: Sequence[str]) -> str:
@@ -117,11 +121,18 @@ def _or(options: Sequence[str]) -> str:
     return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + " or " + shown[-1]
 
 
-def _where(cells: Sequence[Cell]) -> str:
-    hot = hot_cells(cells)[:3]
+def _where(found: Diagnosis) -> str:
+    hot = hot_cells(found.cells)[:3]
+    repeats = ""
+    if found.noise.repeatable:
+        sliding = found.problem.model.robot.mechanism.actuator_dimension == "length"
+        errors = small(found.noise.repeatable, "m" if sliding else "rad")
+        repeats = (
+            f"It repeats as errors of the {spoken('actuator', sliding)} of {errors} do, those of a coarse encoder. "
+        )
     if not hot:
-        return "It follows none of the recorded variables."
-    return "It shows in " + "; ".join(place(c) for c in hot) + "."
+        return f"{repeats}It follows none of the recorded variables."
+    return repeats + "It shows in " + "; ".join(broken(found.problem, c) for c in hot) + "."
 
 
 def place(cell: Cell) -> str:
@@ -129,10 +140,29 @@ def place(cell: Cell) -> str:
     return f"{channel(cell)} by {variable(cell)}"
 
 
+def broken(made: Problem, cell: Cell) -> str:
+    """A step or a change of slope with its motor, row and size; the cell's words for any other."""
+    if cell.found is None or cell.theta is None:
+        return place(cell)
+    mechanism = made.model.robot.mechanism
+    line = made.data.lines[cell.found.row]
+    if cell.found.channel == "actuator":
+        what = f"motor {mechanism.actuators[cell.found.member]}"
+        by = deviation(float(cell.theta[0]), "m" if cell.sliding else "rad", "+")
+    else:
+        shift, turn = (float(np.linalg.norm(part)) for part in (cell.theta[:3], cell.theta[3:]))
+        what, by = "the plate as a whole", f"{size(shift)} and {angle(turn)} about the base"
+    if cell.found.shape == "step":
+        return f"{what}: it steps by {by} before line {line}"
+    return f"{what}: from line {line} on it moves evenly with time, by {by} to the end"
+
+
 def details(found: Diagnosis) -> list[str]:
     """What to know beside the verdict, one sentence each."""
     out = [noise_sentence(found.problem), *far_rows(found.problem)]
     out += [f"Held-out poses: {_held_out(e.held_out)}." for e in found.sets if e.held_out is not None]
+    if found.sets and found.events:
+        out.append(f"It may as well be an event: {broken(found.problem, found.events[0])}.")
     if found.verdict == "ambiguous" and len(found.sets) > 1:
         out.append("Until more is measured, any of them corrects poses like these equally well.")
     if not found.noise.verified and found.verdict in ("established", "ambiguous", "unexplained"):

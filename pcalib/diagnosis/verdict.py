@@ -27,6 +27,7 @@ class Doubt(StrEnum):
 
     NOTHING_HELD_OUT = "no rows are held out (set = check) that could confirm it"
     UNCONFIRMED = "held-out rows do not confirm it"
+    EVENT = "one step or change of slope in the order of measurement explains as much"
     FEW = "too few readings are left over to establish anything"
     EDGE = "a parameter lies at the edge of its physical range"
     FAR = "its parameters are many usual sizes large"

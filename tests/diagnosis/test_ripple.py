@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcalib.diagnosis.problem import problem
-from pcalib.diagnosis.ripple import _search
+from pcalib.diagnosis.searched import _search
 
 
 @pytest.mark.parametrize(("tries", "d"), [(1, 2), (40, 2), (40, 6)])

@@ -55,7 +55,11 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 def told(found: Diagnosis) -> tuple[str, int, int | None]:
     """(channel, motor or −1, index of the first row after the step or None) that a diagnosis names."""
-    return found.cells[0].channel, -1, None
+    cell = (*found.events, *found.cells)[0]
+    if cell.found is None:
+        return cell.channel, -1, None
+    kept = np.setdiff1d(np.arange(len(found.problem.given)), found.problem.set_aside)
+    return cell.channel, cell.found.member, int(kept[cell.found.row])
 
 
 def _judge(made: Set) -> Said:
