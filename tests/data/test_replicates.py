@@ -101,3 +101,28 @@ def test_rows_of_one_id_under_two_conditions_are_two_groups():
     start = data(n=1, times=6)
     two = replace(start, payload=np.array([0, 1, 0, 1, 0, 2.0]))
     np.testing.assert_array_equal(replicates.groups(two), [0, 1, 0, 1, 0, -1])
+
+
+def test_groups_are_those_of_comparing_every_row_with_every_group():
+    """Rows near, at and beyond the slack of a command; the first row of a group is what others are compared with."""
+    rng = np.random.default_rng(3)
+    q = rng.integers(0, 4, (400, 3)) * 0.1 + rng.choice([0.0, 4e-7, 9e-7, 1.1e-6, 3e-6], (400, 3))
+    made = Measurements.create(
+        DELTA, q, np.zeros((400, 3)), np.broadcast_to(np.eye(3), (400, 3, 3)), pose_id=np.zeros(400, int),
+        columns={"temp_arms": rng.choice([20.0, 20.4, 20.9], 400)}, sigma_pos=2e-5, sigma_rot=6e-5,
+    )  # fmt: skip
+    firsts: list[int] = []
+    number = []
+    for row in range(400):
+        near = [
+            g for g, f in enumerate(firsts)
+            if (np.abs(q[f] - q[row]) <= replicates.COMMAND_AGREES).all()
+            and abs(made.columns["temp_arms"][f] - made.columns["temp_arms"][row]) <= replicates.TEMPERATURE_AGREES
+        ]  # fmt: skip
+        firsts += [] if near else [row]
+        number.append(near[0] if near else len(firsts) - 1)
+    counts = np.bincount(number)
+    found = replicates.groups(made)
+    for row in range(400):
+        alike = np.flatnonzero(np.array(number) == number[row]) if counts[number[row]] > 1 else np.array([], int)
+        np.testing.assert_array_equal(np.flatnonzero(found == found[row]) if found[row] >= 0 else [], alike)
