@@ -104,6 +104,9 @@ def variables(at: Situation) -> list[Variable]:
         out.append(Variable("dir", "its own direction", "arm", lambda s: s.directions(), "at.directions()", "", 0.0))
         out.append(Variable("dir", "the next arm's direction", "arm", lambda s: np.roll(s.directions(), -1, 1),
                             "np.roll(at.directions(), -1, axis=1)", "", 0.0))  # fmt: skip
+        for i in range(at.q.shape[1]):
+            out.append(Variable("dir", f"the direction of motor {i + 1}", "pose", _direction(i),
+                                f"at.directions()[:, {i}]", "", 0.0))  # fmt: skip
     for name in _distinct(at):
         warm = name.startswith("temp")
         origin = 20.0 if warm else 0.0 if name == "time" else None
@@ -111,6 +114,10 @@ def variables(at: Situation) -> list[Variable]:
         words = f"the temperature of {name[5:]}" if name.startswith("temp_") else name.replace("_", " ")
         out.append(Variable(name, words, "pose", _reader(name), f'at.column("{name}")', unit, origin, name))
     return out
+
+
+def _direction(i: int) -> Callable[[Situation], np.ndarray]:
+    return lambda at: at.directions()[:, i]
 
 
 def _reader(name: str) -> Callable[[Situation], np.ndarray]:
