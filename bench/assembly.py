@@ -28,7 +28,7 @@ LEAST = 1e-9
 
 
 def skeleton(robot: Robot) -> mujoco.MjSpec:
-    """A model with a base, and a plate that carries tool and payload; z up, limits and contacts off."""
+    """Return a model with a base, and a plate that carries tool and payload; z up, limits and contacts off."""
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
     spec.compiler.degree = False
@@ -59,7 +59,7 @@ def body(
     size: float = 0.05,
     turn: np.ndarray | None = None,
 ) -> mujoco.MjsBody:
-    """A body with the inertia of a ball of radius `size` [m] about its centre of mass."""
+    """Add a body with the inertia of a ball of radius `size` [m] about its centre of mass."""
     out = parent.add_body(name=name, pos=list(pos))
     if turn is not None:
         out.quat = rotation.to_quaternion(turn)
@@ -83,13 +83,13 @@ def bar(
 
 
 def joint(parent: mujoco.MjsBody, name: str, axis: Point, *, slides: bool = False, **more: Any) -> None:
-    """A hinge, or a slide."""
+    """Add a hinge, or a slide, to a body."""
     kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
     parent.add_joint(name=name, type=kind, axis=list(axis), **more)
 
 
 def motor(spec: mujoco.MjSpec, robot: Robot, name: str, follower: str) -> None:
-    """A driven joint that stands by itself, geared one to one to the joint `follower` by an equality."""
+    """Add a driven joint that stands by itself, geared one to one to the joint `follower` by an equality."""
     slides = robot.mechanism.actuator_dimension == "length"
     shaft = body(spec.body("base"), f"motor.{name}")
     joint(shaft, name, Z, slides=slides, range=robot.joint_range)
@@ -102,7 +102,8 @@ def motor(spec: mujoco.MjSpec, robot: Robot, name: str, follower: str) -> None:
 def arm(
     spec: mujoco.MjSpec, robot: Robot, tag: str, pos: np.ndarray, azimuth: float
 ) -> tuple[mujoco.MjsBody, np.ndarray]:
-    """A motor with its arm in three pieces; the outermost one, and where its origin stands in the arm's frame."""
+    """Add a motor with its arm in three pieces; return the outermost one, and where its origin stands in the arm's
+    frame."""
     length = robot.dimensions["arm_length"]
     mass, com = robot.mass.get("arm", 0.0), robot.mass.get("arm_com", 0.0)
     inner, outer = GAUSS[0] * length, (1 - GAUSS[0]) * length
@@ -135,7 +136,8 @@ def rod(
     turn: np.ndarray | None = None,
     slide: str = "",
 ) -> None:
-    """A rod on two hinges that runs along its −z, with half its mass at either quarter; its far end may be on a slide.
+    """Add a rod on two hinges that runs along its −z, with half its mass at either quarter; its far end may be on
+    a slide.
 
     A connect joins it to the site b<tag>, which must exist.
     """
@@ -160,14 +162,14 @@ def rod(
 
 
 def anchor(parent: mujoco.MjsBody, tag: str, pos: Point, centre: Point = (0.0, 0.0, 0.0)) -> None:
-    """The site of a plate-side anchor, drawn with a spoke to `centre`."""
+    """Add the site of a plate-side anchor, drawn with a spoke to `centre`."""
     parent.add_site(name=f"b{tag}", pos=list(pos), group=4)
     if np.linalg.norm(np.subtract(pos, centre)) > 1e-6:
         bar(parent, centre, pos, 0.008, PLATE)
 
 
 def arm_angle(target: np.ndarray, pos: np.ndarray, azimuth: float, reach: float, length: float) -> float:
-    """q of an arm whose elbow, the upper one of two, stands `length` from a target in the base frame.
+    """Return q of an arm whose elbow, the upper one of two, stands `length` from a target in the base frame.
 
     The elbow is at (0, reach·cos q, reach·sin q) in the frame at `pos`, turned by `azimuth` about z.
     """

@@ -39,7 +39,7 @@ Near = tuple[np.ndarray, np.ndarray]
 
 
 def possible(robot: Robot) -> bool:
-    """Whether this robot has a MuJoCo model whose loops can be closed for many poses at once."""
+    """Return whether this robot has a MuJoCo model whose loops can be closed for many poses at once."""
     return VARIANT in kinds.get(robot.kind).variants
 
 
@@ -107,7 +107,7 @@ class BatchMachine:
             )
 
     def land(self, q: np.ndarray, tool: np.ndarray | float = 0.0, near: Near | None = None) -> Landing:
-        """Poses and TCPs for joint commands (N, nq) [rad or m] with a tool (3,) or (N, 3) [m, plate frame]."""
+        """Return poses and TCPs for joint commands (N, nq) [rad or m] with a tool (3,) or (N, 3) [m, plate frame]."""
         return self.run(Commands.of(q, tool), near=near)
 
     def run(self, commands: Commands, miss: np.ndarray | None = None, near: Near | None = None) -> Landing:
@@ -186,7 +186,7 @@ class BatchMachine:
         self._qpos[np.ix_(rows, self._turn)] = _turned(old, step[:, 3:])
 
     def _fits(self, residual: np.ndarray, b: np.ndarray, a: np.ndarray, sign: np.ndarray) -> np.ndarray:
-        """Which poses are closed and on the working branch, by the guards of `Machine`."""
+        """Return which poses are closed and on the working branch, by the guards of `Machine`."""
         n = len(residual)
         good = (residual <= TOLERANCE) & (sign == self._sign)
         if self.kind.rods_down:
@@ -196,7 +196,7 @@ class BatchMachine:
 
 
 def _solve(J: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Steps −J⁻¹f (n, 6); NaN where J is singular."""
+    """Return steps −J⁻¹f (n, 6); NaN where J is singular."""
     try:
         return np.linalg.solve(J, -f[..., None])[..., 0]
     except np.linalg.LinAlgError:
@@ -207,7 +207,7 @@ def _solve(J: np.ndarray, f: np.ndarray) -> np.ndarray:
 
 
 def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Unit quaternions (n, 4) after rotations by vectors (n, 3) [rad] in their own frames."""
+    """Return unit quaternions (n, 4) after rotations by vectors (n, 3) [rad] in their own frames."""
     angle = np.sqrt(np.einsum("ni,ni->n", turn, turn))
     w = np.cos(0.5 * angle)
     v = turn * (0.5 * np.sinc(angle / (2 * np.pi)))[:, None]

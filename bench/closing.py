@@ -64,7 +64,7 @@ class Loops:
             qpos[self._follower] = self.model.eq_data[self._geared, 1] * qpos[self._leader]
 
     def evaluate(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residual (nefc,) [m] and Jacobian (nefc, nv) at `data.qpos`; views that the next call overwrites."""
+        """Return residual (nefc,) [m] and Jacobian (nefc, nv) at `data.qpos`, views that change with the next call."""
         model, data = self.model, self.data
         mujoco.mj_fwdKinematics(model, data)
         mujoco.mj_makeConstraint(model, data)

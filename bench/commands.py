@@ -29,11 +29,11 @@ class Row:
     columns: Mapping[str, float]
 
     def direction(self, actuator: int) -> float:
-        """Sign of the actuator's last motion: −1, 0, +1; 0 where it is not given."""
+        """Return the sign of the actuator's last motion: −1, 0, +1; 0 where it is not given."""
         return float(np.sign(self.columns.get(f"dir{actuator + 1}", 0.0)))
 
     def warming(self, part: str) -> float:
-        """[K] temperature of 'arms', 'rods' or 'base' above 20 °C."""
+        """Return the temperature [K] of 'arms', 'rods' or 'base' above 20 °C."""
         return self.columns[f"temp_{part}"] - REFERENCE_TEMPERATURE
 
     @property
@@ -68,7 +68,7 @@ class Commands:
         payload: np.ndarray | float = 0.0,
         **columns: np.ndarray | float,
     ) -> Commands:
-        """Commands from actuator values (N, nq); tool and payload are common or one per row."""
+        """Return commands from actuator values (N, nq); tool and payload are common or one per row."""
         q = np.atleast_2d(np.asarray(q, float))
         n = len(q)
         return cls(
@@ -89,12 +89,12 @@ class Commands:
             )  # fmt: skip
 
     def take(self, rows: np.ndarray | slice) -> Commands:
-        """Some of the rows."""
+        """Return some of the rows."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         return Commands(self.q[rows], self.tool[rows], self.payload[rows], columns, self.index[rows])
 
     def remembering(self, columns: Mapping[str, np.ndarray]) -> Commands:
-        """The commands with further columns; columns that they have already stay as they are."""
+        """Return the commands with further columns; columns that they have already stay as they are."""
         return replace(self, columns={**columns, **self.columns}) if columns else self
 
     def need(self, columns: tuple[str, ...], who: str) -> None:
@@ -134,5 +134,5 @@ class Landing:
         return len(self.x)
 
     def take(self, rows: np.ndarray | slice) -> Landing:
-        """Some of the rows."""
+        """Return some of the rows."""
         return Landing(self.x[rows], self.R[rows], self.tcp[rows], self.status[rows])

@@ -21,7 +21,7 @@ thousandth of the miss before it."""
 
 
 def lowered(truth: Truth, commands: Commands, seed: int) -> Commands:
-    """The commands that touch the bed where the plate stands above it in the given ones; NaN where none does.
+    """Return the commands that touch the bed where the plate stands above it in the given ones; NaN where none does.
 
     As on a printer, the controller's own (nominal) model keeps the plate in place and changes its height.
     """

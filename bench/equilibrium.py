@@ -68,7 +68,7 @@ class Equilibrium:
         the load pushes the joint towards positive values."""
 
     def forces(self) -> np.ndarray:
-        """F (nv,) at `data.qpos` at rest; kinematics must be up to date."""
+        """Return F (nv,) at `data.qpos` at rest; kinematics must be up to date."""
         model, data = self.loops.model, self.loops.data
         mujoco.mj_passive(model, data)
         mujoco.mj_rne(model, data, 0, self._bias)
@@ -119,7 +119,7 @@ class Equilibrium:
         return Rest(False, residual, iteration)
 
     def _factored(self, K: np.ndarray, J: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """LU, pivots and scale of the matrix of one step; None where it is singular."""
+        """Return LU, pivots and scale of the matrix of one step; None where it is singular."""
         n, m = len(self.free), len(J)
         matrix = np.zeros((n + m, n + m), order="F")
         scale = max(1.0, np.abs(K).max())  # keeps springs of 1e8 N/m and unit Jacobians in one system
@@ -129,7 +129,7 @@ class Equilibrium:
         return (lu, pivots, scale) if info == 0 else None
 
     def _springs(self) -> np.ndarray:
-        """K from the springs of the joints alone, (n_free, n_free)."""
+        """Return K from the springs of the joints alone, (n_free, n_free)."""
         model, data = self.loops.model, self.loops.data
         K = np.zeros((len(self.free), len(self.free)))
         x = data.qpos[self._spring_qpos] - model.qpos_spring[self._spring_qpos]
@@ -139,7 +139,7 @@ class Equilibrium:
         return K
 
     def _tangent(self, step: float = 1e-6) -> np.ndarray:
-        """K = −∂(F + Jᵀλ)/∂q at fixed λ by central differences, (n_free, n_free)."""
+        """Return K = −∂(F + Jᵀλ)/∂q at fixed λ by central differences, (n_free, n_free)."""
         loops = self.loops
         here, multipliers = loops.data.qpos.copy(), self._multipliers
         K = np.zeros((len(self.free), len(self.free)))

@@ -68,7 +68,7 @@ class _Group:
         return self.factors * k[self.columns]
 
     def nominal(self, *shape: int) -> np.ndarray:
-        """What the places say of the nominal robot, one after the other."""
+        """Return what the places say of the nominal robot, one after the other."""
         return np.array([p.nominal for p in self.places]).reshape(-1, *shape)
 
 
@@ -110,7 +110,7 @@ class Geometry:
             raise ValueError(f"the model has no place for the parameters {', '.join(missing)}")
 
     def _parent_in(self, element: str, within: str) -> np.ndarray:
-        """Origin of an element's parent body in the frame of an ancestor; the bodies between are not turned."""
+        """Return the origin of an element's parent in the frame of an ancestor; the bodies between are not turned."""
         model, origin = self._model, np.zeros(3)
         if not within:
             return origin

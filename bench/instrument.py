@@ -98,7 +98,7 @@ class Instrument:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Instrument:
-        """From the [instrument] table of a truth file.
+        """Return the instrument of the [instrument] table of a truth file.
 
         Raises:
             InputError: see :func:`pcalib.settings.read`.
@@ -106,18 +106,18 @@ class Instrument:
         return cls(**settings.read(table, SETTINGS, "instrument"))
 
     def to_table(self) -> dict[str, Any]:
-        """The table that gives this instrument again."""
+        """Return the table that gives this instrument again."""
         return settings.write(self.values, SETTINGS)
 
     def frame(self, tcp: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (N, 3) [m] and rotations (N, 3, 3) of the base frame in that of the instrument."""
+        """Return positions (N, 3) [m] and rotations (N, 3, 3) of the base frame in that of the instrument."""
         if self.values["frame"] == "base":
             return tcp, R
         turn = rotation.exp(self.values["rotation"])
         return (tcp - self.values["position"]) @ turn, turn.T @ R
 
     def joint_noise(self, q: np.ndarray, dimension: str, seed: int, rows: np.ndarray) -> np.ndarray:
-        """(N, nq) by which the drives miss their commands; `rows` (N,) are the rows' numbers in the plan."""
+        """Return (N, nq) by which the drives miss their commands; `rows` (N,) are the rows' numbers in the plan."""
         sigma = self.values["sigma_joint" if dimension == "angle" else "sigma_carriage"]
         if not sigma:
             return np.zeros_like(q)

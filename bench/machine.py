@@ -145,11 +145,12 @@ class Machine:
         self.loops.data.qpos[:] = self._home
 
     def fits(self, closed: Closed) -> bool:
-        """Whether the pose in `data` is closed and on the working branch: guards that need no kinematic model."""
+        """Return whether the pose in `data` is closed and on the working branch: guards that need no kinematic
+        model."""
         return closed.ok and closed.orientation == self._home_sign and self._hangs_well()
 
     def _hangs_well(self) -> bool:
-        """Whether the rods hang down and the plate is hardly turned."""
+        """Return whether the rods hang down and the plate is hardly turned."""
         data = self.loops.data
         if self.kind.rods_down:
             top = (data.xpos if self._bodies else data.site_xpos)[self._anchors, 2]
@@ -183,7 +184,8 @@ class Machine:
         return status
 
     def _rest(self, again: bool) -> str:
-        """Closed loops and, where there are forces to balance, equilibrium from there; `again`: of the same row."""
+        """Return closed loops and, where there are forces to balance, equilibrium from there; `again`: of the same
+        row."""
         status = self._close()
         if status == "ok" and self.rig.equilibrium is not None:
             if not self.rig.equilibrium.settle(again).ok:
@@ -246,17 +248,17 @@ class Machine:
         return Landing(x, R.reshape(n, 3, 3), tcp, status)
 
     def land(self, q: np.ndarray, tool: np.ndarray | float = 0.0) -> Landing:
-        """Poses and TCPs for joint commands (N, nq) [rad or m] with a tool (3,) or (N, 3) [m, plate frame]."""
+        """Return poses and TCPs for joint commands (N, nq) [rad or m] with a tool (3,) or (N, 3) [m, plate frame]."""
         return self.run(Commands.of(q, tool))
 
 
 def has(model: mujoco.MjModel, what: mujoco.mjtObj, name: str) -> bool:
-    """Whether a model has an element of that name."""
+    """Return whether a model has an element of that name."""
     return mujoco.mj_name2id(model, what, name) >= 0
 
 
 def parameter_vector(robot: Robot, values: Mapping[str, float] | np.ndarray | None) -> np.ndarray:
-    """The vector k (nk,) [m, rad] of named values, others nominal.
+    """Return the vector k (nk,) [m, rad] of named values, others nominal.
 
     Raises:
         InputError: a name that the robot does not have, or a vector of another length.

@@ -75,7 +75,7 @@ def make(
     seed: int = 0,
     solver: Solver | None = None,
 ) -> Plan:
-    """A plan by name, or the one in a file.
+    """Return a plan by name, or the one in a file.
 
     Args:
         n: rows to fit; a file brings its own. check: further rows, held out.
@@ -124,7 +124,7 @@ def make(
 
 
 def columns(name: str, actuators: int) -> tuple[str, ...]:
-    """What a plan of that name brings beside commands, tools and payloads."""
+    """Return what a plan of that name brings beside commands, tools and payloads."""
     if name != "rich":
         return ()
     return (*(f"dir{i + 1}" for i in range(actuators)), *(f"temp_{part}" for part in TEMPERATURES), "time")
@@ -143,13 +143,13 @@ def sensible(n: int, check: int) -> None:
 
 
 def _last(repeats: np.ndarray, rows: int) -> np.ndarray:
-    """The last poses that make up `rows` rows, or the nearest number to it."""
+    """Return the last poses that make up `rows` rows, or the nearest number to it."""
     counted = np.cumsum(repeats[::-1])
     return np.arange(len(repeats))[::-1][: np.searchsorted(counted, rows, side="right")]
 
 
 def _poses(robot: Robot, n: int, generator: np.random.Generator, solver: Solver, *, border: bool) -> np.ndarray:
-    """n commands (n, nq) whose plate poses lie in, or on the border of, workspace ∩ joint range."""
+    """Return n commands (n, nq) whose plate poses lie in, or on the border of, workspace ∩ joint range."""
     kept: list[np.ndarray] = []
     tried = 0
     while sum(map(len, kept)) < n:
@@ -189,7 +189,7 @@ def _on_surface(robot: Robot, n: int, generator: np.random.Generator) -> np.ndar
 
 
 def _drawn_in(robot: Robot, solver: Solver, x: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Commands for the points x, or for the last reachable ones on their way to the middle of the workspace."""
+    """Return commands for the points x, or for the last reachable ones on their way to the middle of the workspace."""
     space = robot.workspace
     middle = np.array([0.0, 0.0, 0.5 * (space.z_min + space.z_max)])
     best, ok = solver(x, R)
@@ -207,7 +207,7 @@ def _drawn_in(robot: Robot, solver: Solver, x: np.ndarray, R: np.ndarray) -> tup
 
 
 def _orientations(robot: Robot, n: int, generator: np.random.Generator) -> np.ndarray:
-    """(n, 3, 3) within the workspace's tilt and yaw, of the components that the robot commands."""
+    """Return (n, 3, 3) within the workspace's tilt and yaw, of the components that the robot commands."""
     task, space = robot.mechanism.task, robot.workspace
     turn = np.zeros((n, 3))
     way, tilt = generator.uniform(0, 2 * np.pi, n), space.tilt * np.sqrt(generator.random(n))
@@ -221,12 +221,12 @@ def _orientations(robot: Robot, n: int, generator: np.random.Generator) -> np.nd
 
 
 def _dealt(choices: np.ndarray, n: int, generator: np.random.Generator) -> np.ndarray:
-    """n of the choices, each as often as the others, in random order."""
+    """Return n of the choices, each as often as the others, in random order."""
     return choices[generator.permutation(np.arange(n) % len(choices))]
 
 
 def _weather(n: int, generator: np.random.Generator) -> dict[str, np.ndarray]:
-    """Temperatures of arms, rods and base [°C] that rise and fall several times, each in a rhythm of its own."""
+    """Return temperatures of arms, rods and base [°C] that rise and fall several times, each in a rhythm of its own."""
     way = np.linspace(0, 2 * np.pi, n)
     return {
         f"temp_{part}": REFERENCE_TEMPERATURE + 2.0 + SWING * np.sin(cycles * way + generator.uniform(0, 2 * np.pi))
@@ -235,7 +235,8 @@ def _weather(n: int, generator: np.random.Generator) -> dict[str, np.ndarray]:
 
 
 def with_checks(robot: Robot, plan: Plan, check: int, seed: int, solver: Solver | None = None) -> Plan:
-    """A plan and `check` held-out rows after it: random poses, each with all conditions of some row of the plan."""
+    """Return a plan and `check` held-out rows after it: random poses, each with all conditions of some row of the
+    plan."""
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, len(NAMES))))
     q = _poses(robot, check, generator, solver or partial(reach, Machine(robot)), border=False)
     like = plan.commands.take(_dealt(np.arange(len(plan)), check, generator))
@@ -254,7 +255,7 @@ def with_checks(robot: Robot, plan: Plan, check: int, seed: int, solver: Solver 
 
 
 def _of_file(robot: Robot, path: Path, tools: Sequence[np.ndarray], payloads: Sequence[float]) -> Plan:
-    """The commands and conditions of a file; what it says of measurements is left aside."""
+    """Return the commands and conditions of a file; what it says of measurements is left aside."""
     table = tables.read(path)
     mechanism = robot.mechanism
     actuators = dict.fromkeys(mechanism.actuators, mechanism.actuator_dimension)

@@ -42,7 +42,7 @@ class Term:
     """Its second number: phase or place."""
 
     def of(self, u: np.ndarray) -> np.ndarray:
-        """Values of the shape at u."""
+        """Return values of the shape at u."""
         return SHAPES[self.shape](u, self.first, self.second)
 
     @property
@@ -93,7 +93,7 @@ class Law:
         return f"{self.channel}: {' × '.join(term.words for term in self.terms)}"
 
     def deviation(self, known: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(places,) [m or rad] from the variables' values, each a number or one per place."""
+        """Return (places,) [m or rad] from the variables' values, each a number or one per place."""
         out = self.amplitude
         for term in self.terms:
             out = out * term.of(known[term.variable])
@@ -101,7 +101,7 @@ class Law:
 
 
 def draw(counts: Mapping[str, int], seed: int, plain: bool = False) -> tuple[Law, ...]:
-    """The law, or the two laws, of a seed, for a robot with so many actuators, rods and axes.
+    """Return the law, or the two laws, of a seed, for a robot with so many actuators, rods and axes.
 
     Args:
         plain: one law with one factor of PLAIN.

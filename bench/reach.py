@@ -14,7 +14,7 @@ from pcalib import rotation
 
 
 def reach(machine: Machine, x: np.ndarray, R: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Commands for plate positions x (N, 3) [m] and, where the robot commands it, orientations R (N, 3, 3).
+    """Return commands for plate positions x (N, 3) [m] and, where the robot commands it, orientations R (N, 3, 3).
 
     Returns:
         q (N, nq) [rad or m] and which of them hold: reached on the working branch and within the joint range.
@@ -45,7 +45,7 @@ class _Solver:
         self.home = data.xpos[self.plate].copy(), data.xmat[self.plate].reshape(3, 3).copy()
 
     def solve(self, x: np.ndarray, R: np.ndarray) -> np.ndarray | None:
-        """q (nq,) from home, at one go or in steps; None where that fails."""
+        """Return q (nq,) from home, at one go or in steps; None where that fails."""
         for steps in (1, 6):
             self.machine.go_home()
             turn = rotation.log(R @ self.home[1].T)

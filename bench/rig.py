@@ -63,7 +63,8 @@ class Rig:
         return bool(moved)
 
     def load(self, joint: str) -> float:
-        """What a held or actuated joint has to carry [N·m or N], positive where it pushes towards positive values.
+        """Return what a held or actuated joint has to carry [N·m or N], positive where it pushes towards positive
+        values.
 
         Known after the row has been solved.
         """

@@ -33,7 +33,7 @@ class Robotic(Protocol):
     """What carries out commands: a `Machine`, or a `BatchMachine`."""
 
     def run(self, commands: Commands, miss: np.ndarray | None = None) -> Landing:
-        """Where the robot ends up, see :meth:`bench.machine.Machine.run`."""
+        """Return where the robot ends up, see :meth:`bench.machine.Machine.run`."""
         ...
 
 DATED = 1e8
@@ -127,12 +127,12 @@ def run(
 
 
 def truth_path(data: Path) -> Path:
-    """Where the sealed truth of a data file goes: data.csv → data.truth.toml."""
+    """Return where the sealed truth of a data file goes: data.csv → data.truth.toml."""
     return data.with_name(f"{data.stem}.truth.toml")
 
 
 def _judge(truth: Truth, landing: Landing) -> None:
-    """That the robot works at all.
+    """Refuse a robot that carries out less than half of its commands.
 
     Raises:
         ReachError: it does not; says what may be the cause.
@@ -178,7 +178,7 @@ _machines: dict[str, Machine] = {}
 
 
 def _piece(text: str, source: str, asked: tuple[Commands, np.ndarray]) -> Landing:
-    """The work of one process; its robot is kept for the next piece."""
+    """Do the work of one process; its robot is kept for the next piece."""
     if text not in _machines:
         _machines.clear()
         _machines[text] = truths.parse(text, source).machine()

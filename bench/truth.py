@@ -56,7 +56,7 @@ class Truth:
         return self.robot.mechanism.nominal + self.errors
 
     def machine(self) -> Machine:
-        """The virtual robot.
+        """Return the virtual robot.
 
         Raises:
             ReachError: it cannot be assembled.
@@ -75,14 +75,16 @@ def load(path: str | Path) -> Truth:
 
 
 def parse(text: str, source: str | Path = "truth") -> Truth:
-    """A truth from the text of its file; `source` names it in messages and gives the folder of its robot file."""
+    """Return a truth from the text of its file; `source` names it in messages and gives the folder of its robot
+    file."""
     table = files.parse_toml(text, source, FORM)
     with files.locating(text, source, FORM):
         return _from_table(table, Path(source).parent)
 
 
 def draw_errors(robot: Robot, length: float, angle: float, seed: int, ratio: float = 0.0) -> np.ndarray:
-    """(nk,) independent normal errors of every raw parameter with 1σ `length` [m], `angle` [rad], `ratio` [1]."""
+    """Return (nk,) independent normal errors of every raw parameter with 1σ `length` [m], `angle` [rad], `ratio`
+    [1]."""
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM,)))
     sigma = {"m": length, "rad": angle, "1": ratio}
     scale = np.array([sigma[unit] for unit in robot.mechanism.units])
@@ -90,7 +92,7 @@ def draw_errors(robot: Robot, length: float, angle: float, seed: int, ratio: flo
 
 
 def dumps(truth: Truth, sealed: Mapping[str, Any] | None = None) -> str:
-    """The text of a sealed truth file: read again, it gives the same robot to the last bit.
+    """Return the text of a sealed truth file: read again, it gives the same robot to the last bit.
 
     Args:
         sealed: how it was used, kept for the record under [sealed].
@@ -147,14 +149,15 @@ def _robot(given: Any, folder: Path) -> Robot:
 
 
 def _errors(robot: Robot, table: Mapping[str, Any]) -> np.ndarray:
-    """Drawn errors plus listed ones."""
+    """Return drawn errors plus listed ones."""
     drawn = read({key: v for key, v in table.items() if key != "errors"}, DRAWN, "geometry", {})
     errors = draw_errors(robot, drawn["sigma_length"], drawn["sigma_angle"], drawn["seed"], drawn["sigma_ratio"])
     return errors + listed_errors(robot, table.get("errors", {}))
 
 
 def listed_errors(robot: Robot, listed: Any) -> np.ndarray:
-    """(nk,) errors of a table such as [geometry.errors]: parameter with unit → true minus nominal; others zero.
+    """Return (nk,) errors of a table such as [geometry.errors]: parameter with unit → true minus nominal; others
+    zero.
 
     Raises:
         InputError: no table, an unknown parameter, or a value without unit or that is no number.

@@ -86,7 +86,7 @@ class Fault:
 
     @classmethod
     def settings(cls, robot: Robot) -> tuple[Setting, ...]:
-        """SETTINGS with the dimensions that this robot's drives give them."""
+        """Return SETTINGS with the dimensions that this robot's drives give them."""
         out = []
         for setting in cls.SETTINGS:
             if setting.dimension in _OF_DRIVES:
@@ -102,7 +102,7 @@ class Fault:
         return type(self).__module__.rpartition(".")[2]
 
     def to_table(self) -> dict[str, Any]:
-        """The TOML table that gives this fault again."""
+        """Return the TOML table that gives this fault again."""
         return settings.write(self.values, self.settings(self.robot))
 
     @property
@@ -111,18 +111,18 @@ class Fault:
         return not any(np.any(self.values[size]) for size in self.SIZES or (self.SETTINGS[0].name,))
 
     def history(self, commands: Commands) -> Mapping[str, np.ndarray]:
-        """Further columns (N,) of the commands, which hold what each row remembers of the rows before it."""
+        """Return further columns (N,) of the commands, which hold what each row remembers of the rows before it."""
         return {}
 
     def build(self, spec: mujoco.MjSpec) -> None:
         """Add joints, springs or bodies to the model."""
 
     def geometry(self, k: np.ndarray, row: Row) -> np.ndarray:
-        """The true parameters (nk,) of this row; `k` is not to be changed in place."""
+        """Return the true parameters (nk,) of this row; `k` is not to be changed in place."""
         return k
 
     def shaft(self, theta: np.ndarray, row: Row) -> np.ndarray:
-        """Where the actuators stand (nq,) [rad or m] when the encoders read `theta`."""
+        """Return where the actuators stand (nq,) [rad or m] when the encoders read `theta`."""
         return theta
 
     def prepare(self, rig: Rig, row: Row) -> None:
@@ -133,17 +133,18 @@ class Fault:
         return False
 
     def mount(self, tcp: np.ndarray, row: Row) -> np.ndarray:
-        """The TCP (3,) [m] in the frame of the tool's mount."""
+        """Return the TCP (3,) [m] in the frame of the tool's mount."""
         return tcp
 
     def seen(self, position: np.ndarray, R: np.ndarray, commands: Commands) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (N, 3) [m] and rotations (N, 3, 3) as the instrument sees them, in its own frame."""
+        """Return positions (N, 3) [m] and rotations (N, 3, 3) as the instrument sees them, in its own frame."""
         return position, R
 
     # -- for subclasses ------------------------------------------------------------------------------------------
 
     def beside(self, spec: mujoco.MjSpec, actuator: str, suffix: str, stiffness: float = 0.0) -> mujoco.MjsJoint:
-        """A further joint on the axis of an actuator, in series with it: a spring, or held, see :meth:`joint`."""
+        """Add a further joint on the axis of an actuator, in series with it: a spring, or held, see
+        :meth:`joint`."""
         geared = [e.name1 for e in spec.equalities if e.type == mujoco.mjtEq.mjEQ_JOINT and e.name2 == actuator]
         motor = spec.joint(geared[0] if geared else actuator)  # the joint that bears the load
         joint = motor.parent.add_joint(name=f"{actuator}.{suffix}", type=motor.type, pos=motor.pos, axis=motor.axis)
@@ -153,15 +154,15 @@ class Fault:
     def joint(
         self, body: mujoco.MjsBody, name: str, kind: str, axis: tuple[float, float, float], stiffness: float = 0.0
     ) -> mujoco.MjsJoint:
-        """A 'hinge' or 'slide' that lets a body move against its parent: a spring, or held if of no stiffness, or of
-        more than STIFFEST."""
+        """Add a 'hinge' or 'slide' that lets a body move against its parent: a spring, or held if of no
+        stiffness, or of more than STIFFEST."""
         types = {"hinge": mujoco.mjtJoint.mjJNT_HINGE, "slide": mujoco.mjtJoint.mjJNT_SLIDE}
         joint = body.add_joint(name=name, type=types[kind], axis=axis)
         self._enlist(joint, stiffness)
         return joint
 
     def body(self, spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody:
-        """A body that the fault works on.
+        """Return a body that the fault works on.
 
         Raises:
             InputError: this kind of robot has no such part.
@@ -169,7 +170,7 @@ class Fault:
         return self._part(spec.body(name), name)
 
     def site(self, spec: mujoco.MjSpec, name: str) -> mujoco.MjsSite:
-        """A site that the fault works on; errors as for :meth:`body`."""
+        """Return a site that the fault works on; errors as for :meth:`body`."""
         return self._part(spec.site(name), name)
 
     def _part(self, found: Any, name: str) -> Any:
@@ -195,7 +196,8 @@ names, get = FAULTS.names, FAULTS.get
 
 
 def present(faults: Iterable[Fault]) -> tuple[Fault, ...]:
-    """Those that are not of size zero, in the order in which they act, whatever the order in which they are listed."""
+    """Return the faults that are not of size zero, in the order in which they act, whatever the order in which they are
+    listed."""
     return tuple(sorted((fault for fault in faults if not fault.absent), key=lambda fault: (fault.STAGE, fault.name)))
 
 
@@ -215,7 +217,7 @@ def suit(robot: Robot, faults: Iterable[Fault]) -> None:
 
 
 def suited(robot: Robot) -> list[str]:
-    """The faults that this kind of robot can have, by name."""
+    """Return the faults that this kind of robot can have, by name."""
     out = []
     for name in names():
         try:
@@ -227,17 +229,17 @@ def suited(robot: Robot) -> list[str]:
 
 
 def rods(robot: Robot) -> tuple[str, ...]:
-    """Names of the rods that are bodies: the drive of a driven rod has a row among them, and is none."""
+    """Return names of the rods that are bodies: the drive of a driven rod has a row among them, and is none."""
     return tuple(rod for rod in robot.mechanism.rods if rod != "drive")
 
 
 def counts(robot: Robot) -> dict[str, int]:
-    """How many numbers a setting 'per' something has on a robot."""
+    """Return how many numbers a setting 'per' something has on a robot."""
     return {"actuator": len(robot.mechanism.actuators), "rod": len(rods(robot))}
 
 
 def typical(robot: Robot, name: str, scale: float = 1.0) -> Fault:
-    """A fault of usual size, or of a multiple of it; what is no size keeps its usual value.
+    """Return a fault of usual size, or of a multiple of it; what is no size keeps its usual value.
 
     Raises:
         InputError: no such fault, or none that this kind of robot can have.
@@ -253,7 +255,7 @@ def typical(robot: Robot, name: str, scale: float = 1.0) -> Fault:
 
 
 def make(robot: Robot, name: str, table: Mapping[str, Any]) -> Fault:
-    """A fault from its TOML table.
+    """Return a fault from its TOML table.
 
     Raises:
         InputError: no such fault, or settings that it does not take.

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def invert(reading: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
-    """The shaft angles (nq,) [rad] at which encoders with small errors read theta."""
+    """Return the shaft angles (nq,) [rad] at which encoders with small errors read theta."""
     shaft = theta.copy()
     for _ in range(60):
         off = reading(shaft) - theta

@@ -14,7 +14,7 @@ from pcalib.settings import Setting
 
 
 def expansion(typical: float) -> tuple[Setting, ...]:
-    """The settings of a thermal fault with a usual α [1/K]."""
+    """Return the settings of a thermal fault with a usual α [1/K]."""
     return (Setting("expansion", "expansion", low=-1e-3, high=1e-3, typical=typical, about="α"),)
 
 
@@ -35,7 +35,7 @@ class Growth(Fault):
             )
 
     def dimensions(self, robot: Robot) -> np.ndarray:
-        """Where the parameters that grow stand in k."""
+        """Return where the parameters that grow stand in k."""
         raise NotImplementedError
 
     def geometry(self, k: np.ndarray, row: Row) -> np.ndarray:

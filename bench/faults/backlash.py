@@ -30,7 +30,7 @@ class Backlash(Fault):
             self.beside(spec, name, "gap")
 
     def _end(self, i: int, row: Row) -> float:
-        """−1, +1, or 0 where the load decides."""
+        """Return −1, +1, or 0 where the load decides."""
         return -row.direction(i) if self.values["side"] == "direction" else 0.0
 
     def prepare(self, rig: Rig, row: Row) -> None:

@@ -26,7 +26,7 @@ class EncoderEccentricity(Fault):
     ROTARY = True
 
     def reading(self, shaft: np.ndarray) -> np.ndarray:
-        """What the encoders read when the shafts stand at `shaft` (nq,) [rad]."""
+        """Return what the encoders read when the shafts stand at `shaft` (nq,) [rad]."""
         turn, e = shaft + self.values["phase"], self.values["amplitude"]
         return shaft + np.arctan2(e * np.sin(turn), 1 - e * np.cos(turn))
 

@@ -25,7 +25,7 @@ class EncoderOvality(Fault):
     ROTARY = True
 
     def reading(self, shaft: np.ndarray) -> np.ndarray:
-        """What the encoders read when the shafts stand at `shaft` (nq,) [rad]."""
+        """Return what the encoders read when the shafts stand at `shaft` (nq,) [rad]."""
         A, turn = self.values["amplitude"], shaft + self.values["phase"]
         stretch = (1 + A) / (1 - A)
         # The angle between (cos, sin) and (cos, κ·sin), which needs no unwinding.

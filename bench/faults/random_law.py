@@ -73,7 +73,7 @@ class RandomLaw(Fault):
                 self._tips.append(name)
 
     def history(self, commands: Commands) -> Mapping[str, np.ndarray]:
-        """What is remembered of the rows before: the play of every motor's angle, and a load that fades."""
+        """Return what is remembered of the rows before: the play of every motor's angle, and a load that fades."""
         q = commands.q
         width = 0.15 * np.ptp(self.robot.joint_range)
         lag = np.empty_like(q)
@@ -88,7 +88,7 @@ class RandomLaw(Fault):
         return {f"{PLAY}{i + 1}": lag[:, i] for i in range(q.shape[1])} | {FADING: fading}
 
     def _known(self, row: Row, places: str, rig: Rig | None = None, joints: list[str] | None = None) -> dict[str, Any]:
-        """Every variable that is known, in usual changes."""
+        """Return every variable that is known, in usual changes."""
         q = _centred(row.q, *self.robot.joint_range)
         arms = self._arms if places == "rod" else np.arange(len(q))
         columns = row.columns
@@ -116,7 +116,7 @@ class RandomLaw(Fault):
         return known
 
     def _early(self, row: Row, channel: str) -> np.ndarray:
-        """(places,) [m or rad] deviation of a channel by what is known before the row is solved."""
+        """Return (places,) [m or rad] deviation of a channel by what is known before the row is solved."""
         places = CHANNELS[channel][0]
         found = [law.deviation(self._known(row, places)) for law in self.laws if law.channel == channel]
         return self.values["scale"] * np.sum(found, axis=0) if found else np.zeros(0)
@@ -160,7 +160,7 @@ class RandomLaw(Fault):
 
 
 def _centred(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """−1 at the lower end of a range, 1 at the upper one."""
+    """Return −1 at the lower end of a range, 1 at the upper one."""
     return (values - 0.5 * (low + high)) / (0.5 * (high - low))
 
 

@@ -63,7 +63,7 @@ class Kind:
     """Whether every rod runs downwards on the working branch."""
 
     def max_turn(self, robot: Robot) -> float:
-        """[rad] from the home orientation, up to which a plate is taken to be on the working branch."""
+        """Return the angle [rad] from the home orientation up to which a plate is taken to be on the working branch."""
         task, space = robot.mechanism.task, robot.workspace
         commanded = space.tilt * (3 in task or 4 in task) + space.yaw * (5 in task)
         return min(self.max_tilt + commanded, np.pi)

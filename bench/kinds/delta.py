@@ -111,7 +111,7 @@ def _tendon_places(robot: Robot) -> tuple[Place, ...]:
 
 
 def home(robot: Robot) -> Home:
-    """All arms alike, a little below the middle of their range: the plate hangs level on the z axis."""
+    """Return the home pose: all arms a little below the middle of their range, so that the plate hangs level."""
     size, (low, high) = robot.dimensions, robot.joint_range
     for share in (0.35, 0.3, 0.4, 0.2, 0.5, 0.1, 0.6):
         q = low + share * (high - low)

@@ -17,7 +17,7 @@ SIDE = {"1": "1", "2": "1", "3": "2", "4": "2"}
 
 
 def _outward(arm: str) -> np.ndarray:
-    """Where its side body stands, seen from the middle."""
+    """Return where its side body stands, seen from the middle."""
     return np.array([1.0 if SIDE[arm] == "1" else -1.0, 0.0, 0.0])
 
 
@@ -72,7 +72,7 @@ def _places(robot: Robot) -> tuple[Place, ...]:
 
 
 def _home(robot: Robot) -> Home:
-    """The plate level and unturned in the middle of the workspace."""
+    """Return the home pose: the plate level and unturned in the middle of the workspace."""
     size = robot.dimensions
     x = np.array([0.0, 0.0, 0.5 * (robot.workspace.z_min + robot.workspace.z_max)])
     q = [

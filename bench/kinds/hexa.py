@@ -15,7 +15,7 @@ TAGS = ("1", "2", "3", "4", "5", "6")
 
 
 def layout(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Azimuth of each motor axis (6,), base points (6, 3) and plate points (6, 3) [m]."""
+    """Return the azimuth of each motor axis (6,), base points (6, 3) and plate points (6, 3) [m]."""
     size = robot.dimensions
     azimuth = np.repeat(size["axis_azimuth"], 2)
     side = np.array([-0.5, 0.5] * 3)
@@ -29,7 +29,7 @@ def layout(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def build(robot: Robot, azimuth: np.ndarray, base: np.ndarray, plate: np.ndarray) -> mujoco.MjSpec:
-    """Six arms with a rod each."""
+    """Build six arms with a rod each."""
     spec = assembly.skeleton(robot)
     for i, tag in enumerate(TAGS):
         elbow, origin = assembly.arm(spec, robot, tag, base[i], azimuth[i])
@@ -40,7 +40,7 @@ def build(robot: Robot, azimuth: np.ndarray, base: np.ndarray, plate: np.ndarray
 
 
 def places(azimuth: np.ndarray) -> tuple[Place, ...]:
-    """Where the parameters of six arms with a rod each stand."""
+    """Return where the parameters of six arms with a rod each stand."""
     turns = rotation.about(assembly.Z, azimuth)
     return tuple(
         place
@@ -56,7 +56,7 @@ def places(azimuth: np.ndarray) -> tuple[Place, ...]:
 
 
 def middle(robot: Robot, azimuth: np.ndarray, base: np.ndarray, plate: np.ndarray) -> Home:
-    """The plate level in the middle of the workspace."""
+    """Return the home pose: the plate level in the middle of the workspace."""
     x = np.array([0.0, 0.0, 0.5 * (robot.workspace.z_min + robot.workspace.z_max)])
     size = robot.dimensions
     q = [

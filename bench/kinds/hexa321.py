@@ -11,7 +11,7 @@ from pcalib.robot import Robot
 
 
 def layout(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Azimuth of each motor axis (6,), base points (6, 3) and plate points (6, 3) [m]."""
+    """Return the azimuth of each motor axis (6,), base points (6, 3) and plate points (6, 3) [m]."""
     size = robot.dimensions
     base = rotation.about(assembly.Z, size["axis_azimuth"]) @ np.array([0.0, size["base_radius"], 0.0])
     corner = rotation.about(assembly.Z, size["point_azimuth"]) @ np.array([size["plate_radius"], 0.0, 0.0])
@@ -19,7 +19,7 @@ def layout(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def home(robot: Robot) -> Home:
-    """The plate level in the middle of the workspace."""
+    """Return the home pose: the plate level in the middle of the workspace."""
     return hexa.middle(robot, *layout(robot))
 
 

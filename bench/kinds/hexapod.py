@@ -15,7 +15,7 @@ LEGS = ("1", "2", "3", "4", "5", "6")
 
 
 def _points(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Base and plate points, (6, 3) [m], each in its own frame."""
+    """Return the base and plate points, (6, 3) [m], each in its own frame."""
     size = robot.dimensions
     base = rotation.about(assembly.Z, size["base_azimuth"]) @ np.array([size["base_radius"], 0, 0])
     plate = rotation.about(assembly.Z, size["plate_azimuth"]) @ np.array([size["plate_radius"], 0, 0])
@@ -46,7 +46,7 @@ def _places(robot: Robot) -> tuple[Place, ...]:
 
 
 def _home(robot: Robot) -> Home:
-    """All legs at zero."""
+    """Return the home pose: all legs at zero."""
     return Home(np.zeros(6), np.array([0.0, 0.0, robot.dimensions["home_height"]]), np.eye(3))
 
 

@@ -49,7 +49,7 @@ def _places(robot: Robot) -> tuple[Place, ...]:
 
 
 def _home(robot: Robot) -> Home:
-    """The plate in the middle of the workspace."""
+    """Return the home pose: the plate in the middle of the workspace."""
     size = robot.dimensions
     z = 0.5 * (robot.workspace.z_min + robot.workspace.z_max)
     q = z + math.sqrt(size["rod_length"] ** 2 - (size["tower_radius"] - size["plate_radius"]) ** 2)

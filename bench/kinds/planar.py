@@ -56,7 +56,7 @@ def _places(robot: Robot) -> tuple[Place, ...]:
 
 
 def _home(robot: Robot) -> Home:
-    """The driven rod plumb and the plate level."""
+    """Return the home pose: the driven rod plumb and the plate level."""
     size = robot.dimensions
     return Home(np.zeros(1), np.array([size["b1x"] - size["a1x"], -size["l1"], 0.0]), np.eye(3))
 

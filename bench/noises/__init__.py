@@ -46,7 +46,7 @@ class Scene:
         return np.linalg.norm(self.position - self.station, axis=1)
 
     def more(self, count: int, rows: np.ndarray | None = None) -> np.ndarray:
-        """(N, count) further standard normal numbers of the given rows, those of the scene where absent."""
+        """Return (N, count) further standard normal numbers of the given rows, those of the scene where absent."""
         wanted = (self.rows if rows is None else rows).tolist()
         return np.stack([generator(self.seed, EXTRA, row).standard_normal(count) for row in wanted])
 
@@ -63,32 +63,33 @@ class Noise:
         self.values = values
 
     def errors(self, scene: Scene) -> np.ndarray:
-        """(N, 6) [m, rad] errors of position and of rotation (left-multiplied rotation vector), measuring frame."""
+        """Return (N, 6) [m, rad] errors of position and of rotation (left-multiplied rotation vector), measuring
+        frame."""
         raise NotImplementedError
 
     def covariance(self, scene: Scene) -> np.ndarray:
-        """(N, 6, 6), covariance of the errors within each row; correlation between rows is not part of it."""
+        """Return (N, 6, 6), covariance of the errors within each row; correlation between rows is not part of it."""
         raise NotImplementedError
 
     def stated(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) [m] and (N,) [rad] 1σ per component as the maker states it: one number each, the mean of all rows and
-        directions."""
+        """Return (N,) [m] and (N,) [rad] 1σ per component as the maker states it: one number each, the mean of all
+        rows and directions."""
         variance = np.mean(np.diagonal(self.covariance(scene), axis1=1, axis2=2), axis=0)
         n = len(scene.rows)
         return np.full(n, np.sqrt(variance[:3].mean())), np.full(n, np.sqrt(variance[3:].mean()))
 
     def description(self, scene: Scene) -> Instrument | None:
-        """What a data file states of the instrument, so that the covariance follows; None if σ says all."""
+        """Return what a data file states of the instrument, so that the covariance follows; None if σ says all."""
         return None
 
 
 def generator(seed: int, stream: int, row: int) -> np.random.Generator:
-    """The random numbers of one row: they depend on seed, stream and row alone."""
+    """Return the random numbers of one row: they depend on seed, stream and row alone."""
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(STREAM, stream, row))))
 
 
 def isotropic(sigma_pos: np.ndarray, sigma_rot: np.ndarray) -> np.ndarray:
-    """(N, 6, 6) covariance of independent components with 1σ (N,) [m] and (N,) [rad]."""
+    """Return (N, 6, 6) covariance of independent components with 1σ (N,) [m] and (N,) [rad]."""
     return np.stack([*[sigma_pos**2] * 3, *[sigma_rot**2] * 3], axis=1)[:, :, None] * np.eye(6)
 
 
@@ -97,6 +98,6 @@ names, get = NOISES.names, NOISES.get
 
 
 def all_settings() -> tuple[Setting, ...]:
-    """The settings of all noises; a setting that two of them share is listed once."""
+    """Return the settings of all noises; a setting that two of them share is listed once."""
     found = {setting.name: setting for name in names() for setting in get(name).SETTINGS}
     return tuple(found.values())

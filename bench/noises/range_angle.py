@@ -34,7 +34,7 @@ class RangeAngle(Noise):
         return out
 
     def _beam(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-        """(N, 3, 3) axes along the beam and across it, as columns; (N, 3) [m] 1σ along each."""
+        """Return (N, 3, 3) axes along the beam and across it, as columns; (N, 3) [m] 1σ along each."""
         v, distance = self.values, scene.distance
         along = (scene.position - scene.station) / distance[:, None]
         # Any direction across will do: that of the coordinate axis to which the beam is least parallel.

@@ -17,7 +17,7 @@ class White(Noise):
         return self.scales(scene) * scene.normals
 
     def scales(self, scene: Scene) -> np.ndarray:
-        """(N, 6) 1σ of every component."""
+        """Return (N, 6) 1σ of every component."""
         return np.repeat(np.stack(self.stated(scene), axis=1), 3, axis=1)
 
     def covariance(self, scene: Scene) -> np.ndarray:

@@ -35,7 +35,7 @@ def save(found: Results, folder: Path) -> list[Path]:
 
 
 def power(figure: Figure, found: Results) -> None:
-    """Share of data sets in which the truth is named, against its visible size."""
+    """Draw the share of data sets in which the truth is named, against its visible size."""
     figure.set_size_inches(10.5, 4.2)
     axes = figure.subplots(1, 2, sharey=True)
     for axis in axes:
@@ -60,7 +60,7 @@ def power(figure: Figure, found: Results) -> None:
 
 
 def confusion(figure: Figure, found: Results) -> None:
-    """Answers by truth."""
+    """Draw the answers by truth."""
     from matplotlib.patches import Rectangle
 
     c = found.confusion()

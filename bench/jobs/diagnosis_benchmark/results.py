@@ -29,7 +29,7 @@ class Results:
     seconds: float = 0.0
 
     def of(self, row: str, *parts: str) -> list[tuple[Outcome, Grade]]:
-        """The graded outcomes of a row, of the variants that begin with one of some parts."""
+        """Return the graded outcomes of a row, of the variants that begin with one of some parts."""
         mine = [o for o in self.outcomes if o.task.row == row and o.task.variant.startswith(parts or "")]
         return [(o, o.said.grade) for o in mine if o.said.grade is not None]
 
@@ -44,7 +44,7 @@ class Results:
         return sorted({o.said.figures["wanted"] for o, _ in self.of("hidden", "single")})
 
     def power(self, designs: Sequence[str], effect: str | None = None) -> list[tuple[float, float, float, int]]:
-        """(s, share with something found, share with the truth named, data sets) for each size of the curve.
+        """Return (s, share with something found, share with the truth named, data sets) for each size of the curve.
 
         Args:
             designs: of CURVES, or of single effects at misstated noise.
@@ -69,11 +69,11 @@ class Results:
         return out
 
     def designs(self) -> list[str]:
-        """Designs in which single effects were hidden."""
+        """Return designs in which single effects were hidden."""
         return list(dict.fromkeys(o.task.variant.removeprefix("single_") for o, _ in self.of("hidden", "single")))
 
     def confusion(self, low: float = CLEAR, high: float = 12.0) -> Confusion:
-        """What is answered to each effect and to each fault that no library lists, at sizes from low to high."""
+        """Return what is answered to each effect and to each fault that no library lists, at sizes from low to high."""
         listed = sorted({str(CATALOGUE[name].effect) for name in catalogue.LISTED})
         names = [*listed, *catalogue.UNLISTED]
         columns = [*listed, *OTHER]

@@ -40,17 +40,17 @@ class Case:
         return self.stage.land(self.hidden)
 
     def measure(self, seed: int) -> Measurements:
-        """Data with noise of their own."""
+        """Return data with noise of the given seed."""
         return self.stage.measure(self.hidden, self.landing, seed)
 
 
 def nothing(stage: Stage) -> Case:
-    """Nothing hidden."""
+    """Return a case with nothing hidden."""
     return Case(stage, (), Facts((), ()))
 
 
 def single(stage: Stage, what: Hidden, fault: Fault, size: float) -> Case:
-    """One listed fault of visible size `size`, or of the size that it can reach."""
+    """Return a case with one listed fault, of visible size `size`, or of the size that it can reach."""
     assert what.effect is not None
     found = stage.scaled(fault, size, what.effect)
     size = _short(found.size)
@@ -58,7 +58,8 @@ def single(stage: Stage, what: Hidden, fault: Fault, size: float) -> Case:
 
 
 def pair(stage: Stage, what: Sequence[Hidden], drawn: Sequence[Fault], size: float) -> Case | None:
-    """Two listed faults, each of visible size `size` or more, until no single effect comes closer to them than `size`.
+    """Return a case with two listed faults, each of visible size `size` or more, so large that no single effect comes
+    closer to them than `size`.
 
     None where they cannot: one alone stays too small, or some single effect all but explains both.
     """
@@ -85,7 +86,8 @@ def pair(stage: Stage, what: Sequence[Hidden], drawn: Sequence[Fault], size: flo
 
 
 def outside(stage: Stage, what: Hidden, fault: Fault, distance: float, without: str | None = None) -> Case:
-    """An unlisted fault so large that no two effects of the library come closer to it than `distance`, or as it can.
+    """Return a case with an unlisted fault, so large that no two effects of the library come closer to it than
+    `distance`, or as large as it can be.
 
     Args:
         without: an effect that is taken out of the library, so that a fault it describes counts as unlisted.

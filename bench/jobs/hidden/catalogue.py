@@ -35,7 +35,7 @@ def _sign(name: str) -> Vary:
 
 
 def _aim(*names: str) -> Vary:
-    """Vectors in random directions."""
+    """Return a function that gives vectors random directions."""
 
     def vary(values: dict[str, Any], rng: np.random.Generator) -> None:
         for name in names:
@@ -71,11 +71,11 @@ class Hidden:
         return self.fault
 
     def needs(self, robot: Robot) -> tuple[str, ...]:
-        """Columns without which it cannot be simulated."""
+        """Return columns without which it cannot be simulated."""
         return faults.make(robot, self.fault, self.typical).NEEDS
 
     def draw(self, robot: Robot, rng: np.random.Generator, uneven: bool = False) -> Fault:
-        """The fault at typical size, with what is open drawn at random.
+        """Return the fault at typical size, with what is open drawn at random.
 
         Args:
             uneven: every arm or rod has a size of its own, where the fault knows arms or rods.
@@ -92,19 +92,19 @@ class Hidden:
 
 
 def sizes(fault: Fault) -> tuple[str, ...]:
-    """The settings that say how large a fault is."""
+    """Return the settings that say how large a fault is."""
     return fault.SIZES or (fault.SETTINGS[0].name,)
 
 
 def scaled(fault: Fault, factor: float) -> Fault:
-    """The same fault, `factor` times as large."""
+    """Return the same fault, `factor` times as large."""
     values = {name: factor * np.asarray(fault.values[name]) for name in sizes(fault)}
     plain = {name: value if value.ndim else float(value) for name, value in values.items()}
     return type(fault)(fault.robot, **{**fault.values, **plain})
 
 
 def largest(fault: Fault) -> float:
-    """How many times larger a fault may become until one of its settings leaves the range that makes sense."""
+    """Return how many times larger a fault may become until one of its settings leaves the range that makes sense."""
     ranges = {s.name: (s.low, s.high) for s in fault.SETTINGS}
     most = np.inf
     for name in sizes(fault):

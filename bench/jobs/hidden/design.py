@@ -55,7 +55,7 @@ class Design:
         return [np.array(point) for point in self.points]
 
     def instrument(self, noisy: bool = True) -> Instrument:
-        """The instrument; without noise it sees the same."""
+        """Return the instrument; without noise it sees the same."""
         kind = "pose" if self.rotations else "position"
         if not noisy:
             return Instrument(kind=kind)

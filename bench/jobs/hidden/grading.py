@@ -50,7 +50,7 @@ class Answer:
 
     @classmethod
     def of_json(cls, content: Mapping[str, Any], source: object = "diagnosis") -> Answer:
-        """From the JSON of `pcalib diagnose`.
+        """Return the answer in the JSON of `pcalib diagnose`.
 
         Raises:
             InputError: it is something else.
@@ -104,7 +104,7 @@ class Grade:
         return self.answer.verdict == "unexplained"
 
     def to_json(self) -> dict[str, Any]:
-        """The facts, the answer and the grade."""
+        """Return the facts, the answer and the grade."""
         return {
             "kind": self.facts.kind, "truth": list(self.facts.effects), "faults": list(self.facts.faults),
             "s": self.facts.size, "s_outside": self.facts.distance, "verdict": self.answer.verdict,
@@ -182,7 +182,7 @@ class Line:
         return "within chance" if self.chance > 0.05 else "falls short"
 
     def to_json(self) -> dict[str, Any]:
-        """Stable keys."""
+        """Return a record with stable keys."""
         return {
             "name": self.name, "what": self.what, "bound": self.bound, "at_most": self.at_most, "hits": self.hits,
             "n": self.n, "rate": self.rate, "sigma": self.sigma, "p_if_at_bound": self.chance, "verdict": self.verdict,
@@ -192,13 +192,13 @@ class Line:
 def line(
     name: str, what: str, bound: float, at_most: bool, asked: Iterable[Grade], hit: Callable[[Grade], bool]
 ) -> Line:
-    """A rate over the grades that are asked."""
+    """Return a rate over the grades that are asked."""
     hits = [hit(g) for g in asked]
     return Line(name, what, bound, at_most, sum(hits), len(hits))
 
 
 def lines(grades: Sequence[Grade]) -> list[Line]:
-    """The bounds that every set of diagnoses has to keep."""
+    """Return the bounds that every set of diagnoses has to keep."""
     clear = [g for g in grades if g.facts.kind == "single" and g.facts.size >= SLACK * CLEAR]
     pairs = [g for g in grades if g.facts.kind == "pair" and g.facts.distance >= SLACK * FAR]
     outside = [g for g in grades if g.facts.kind == "outside" and g.facts.distance >= SLACK * FAR]

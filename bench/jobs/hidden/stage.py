@@ -73,7 +73,7 @@ class Replay:
         self.landing = landing
 
     def run(self, commands: Commands, miss: np.ndarray | None = None) -> Landing:
-        """The landing, whatever the commands."""
+        """Return the landing, whatever the commands."""
         return self.landing
 
 
@@ -91,7 +91,7 @@ class Stage:
 
     @classmethod
     def draw(cls, design: Design, robot: Robot, seed: int, companion: bool = False) -> Stage:
-        """A random robot and random poses; the same seed gives the same.
+        """Return a random robot and random poses; the same seed gives the same.
 
         Args:
             companion: whether its drives give way, to the user's knowledge.
@@ -106,19 +106,19 @@ class Stage:
         return cls(design, robot, errors, plan, known)
 
     def truth(self, hidden: Sequence[Fault] = (), noisy: bool = True) -> Truth:
-        """The robot with these faults beside those that are known."""
+        """Return the robot with these faults beside those that are known."""
         return Truth(self.robot, self.errors, self.design.instrument(noisy), (*self.known, *hidden))
 
     def land(self, hidden: Sequence[Fault] = ()) -> Landing:
-        """Where MuJoCo puts the robot for every row of the plan."""
+        """Return where MuJoCo puts the robot for every row of the plan."""
         return self.truth(hidden).machine().run(self.plan.commands)
 
     def measured(self, hidden: Sequence[Fault], landing: Landing, seed: int) -> DataSet:
-        """The data set of a landing: noise drawn afresh, σ stated as the instrument states it."""
+        """Return the data set of a landing: noise drawn afresh, σ stated as the instrument states it."""
         return simulate.run(self.truth(hidden), self.plan, seed, machine=Replay(landing))
 
     def measure(self, hidden: Sequence[Fault], landing: Landing, seed: int) -> Measurements:
-        """The data file of a landing: noise drawn afresh, σ stated as the design says."""
+        """Return the data file of a landing: noise drawn afresh, σ stated as the design says."""
         data = self.measured(hidden, landing, seed).measurements
         return replace(data, sigma=data.sigma * self.design.stated)
 
@@ -170,12 +170,13 @@ class Stage:
         return U[:, s > HELD], point, found.row, found.component
 
     def _refitted(self, columns: np.ndarray) -> np.ndarray:
-        """Whitened readings (M, …) without what geometry takes up."""
+        """Return whitened readings (M, …) without what geometry takes up."""
         U = self._linear[0]
         return columns - U @ (U.T @ columns)
 
     def change(self, hidden: Sequence[Fault], landing: Landing | None = None) -> np.ndarray:
-        """(N, 6) [m, rad] what faults change in the noise-free readings of the rows to fit; zero where not measured."""
+        """Return (N, 6) [m, rad] what faults change in the noise-free readings of the rows to fit; zero where not
+        measured."""
         landing = self.land(hidden) if landing is None else landing
         data = self._exact(hidden, landing)
         data, clean = data.take(~data.check), self._clean
@@ -190,16 +191,16 @@ class Stage:
         return out
 
     def visible(self, change: np.ndarray) -> np.ndarray:
-        """(M,) what is left of a change (N, 6) once the geometry is refitted, in noise units; its norm is s."""
+        """Return (M,) what is left of a change (N, 6) once the geometry is refitted, in noise units; its norm is s."""
         _, _, row, component = self._linear
         return self._refitted(change[row, component] / self._clean.sigma[row, component])
 
     def signal(self, hidden: Sequence[Fault]) -> np.ndarray:
-        """(M,) what faults leave visible."""
+        """Return (M,) what faults leave visible."""
         return self.visible(self.change(hidden))
 
     def room(self, fault: Fault, change: np.ndarray, effect: str | None = None) -> float:
-        """How many times larger a fault may become and stay physical.
+        """Return how many times larger a fault may become and stay physical.
 
         Its settings and the parameters of the effect that describes it keep to their ranges, and the measured point
         moves by no more than MOVED: what is worse than that is seen without calibration.
@@ -216,7 +217,7 @@ class Stage:
         return most
 
     def scaled(self, fault: Fault, wanted: float, effect: str | None = None) -> Sized:
-        """A fault made as large as `wanted`, or as its physical range allows.
+        """Return a fault made as large as `wanted`, or as its physical range allows.
 
         Args:
             effect: the library's name for it, whose parameter range is kept to as well.
@@ -269,7 +270,8 @@ class Stage:
         return out
 
     def _bases(self, signal: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Orthonormal basis (M, D) of what all effects together could explain, and of each effect alone in it (D, r).
+        """Return an orthonormal basis (M, D) of what all effects together could explain, and of each effect alone in it
+        (D, r).
 
         Gear ripple is there with the number of cycles that suits the signal best, as a diagnosis would find it.
         """
@@ -283,7 +285,8 @@ class Stage:
     def nearest(
         self, signal: np.ndarray, together: int = 1, without: str | None = None
     ) -> tuple[float, tuple[str, ...]]:
-        """s⊥: the smallest distance of a signal from the library's effects, up to `together` at a time; and which."""
+        """Return s⊥: the smallest distance of a signal from the library's effects, up to `together` at a time; and
+        which."""
         W, bases = self._bases(signal)
         inside = W.T @ signal
         beyond = signal @ signal - inside @ inside
@@ -299,13 +302,13 @@ class Stage:
 
 
 def _span(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the directions that can be seen at usual sizes."""
+    """Return an orthonormal basis of the directions that can be seen at usual sizes."""
     U, s, _ = np.linalg.svd(columns, full_matrices=False)
     return U[:, s > SEEN]
 
 
 def _interleaved(plan: plans.Plan, seed: int) -> plans.Plan:
-    """The plan with as many rows held out, drawn from all of it; replicates stay together."""
+    """Return the plan with as many rows held out, drawn from all of it; replicates stay together."""
     q = plan.commands.q
     pose = np.cumsum(np.r_[False, (q[1:] != q[:-1]).any(axis=1)])
     share = np.random.default_rng(seed).permutation(pose[-1] + 1) / (pose[-1] + 1)
@@ -313,7 +316,8 @@ def _interleaved(plan: plans.Plan, seed: int) -> plans.Plan:
 
 
 def _shuffled(plan: plans.Plan, seed: int) -> plans.Plan:
-    """The plan in random order, held-out rows last as before; rows keep their conditions and take the times in turn."""
+    """Return the plan in random order, held-out rows last as before; rows keep their conditions and take the times
+    in turn."""
     order = np.random.default_rng(seed).permutation(len(plan))
     order = order[np.argsort(plan.check[order], kind="stable")]
     commands = plan.commands.take(order)
@@ -325,5 +329,5 @@ def _shuffled(plan: plans.Plan, seed: int) -> plans.Plan:
 
 
 def suits(hidden: Hidden, design: Design, robot: Robot) -> bool:
-    """Whether a design records what a fault acts through."""
+    """Return whether a design records what a fault acts through."""
     return set(hidden.needs(robot)) <= set(design.columns)

@@ -44,7 +44,7 @@ class Task:
         return f"{self.row}.{self.variant}/{self.number}"
 
     def generator(self, seed: int) -> np.random.Generator:
-        """The random numbers of this task."""
+        """Return the random numbers of this task."""
         key = zlib.crc32(f"{self.row}.{self.variant}".encode())
         return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, key, self.number)))
 
@@ -106,7 +106,7 @@ class Outcome:
         return f"{self.task.name}#{self.number}"
 
     def to_json(self) -> dict[str, Any]:
-        """One record."""
+        """Return one record."""
         out: dict[str, Any] = {
             "set": self.name, "about": self.about, "said": self.said.words, "hits": dict(self.said.hits),
             "seconds": round(self.seconds, 3),
@@ -145,11 +145,11 @@ class Row:
     """Rates that are no shares of single data sets."""
 
     def size(self, variant: str, number: int) -> int:
-        """Data sets of one task."""
+        """Return the number of data sets of one task."""
         return self.per_task if isinstance(self.per_task, int) else self.per_task(variant, number)
 
     def tasks(self, most: int | None = None) -> list[Task]:
-        """All tasks, or as many as give `most` sets per variant."""
+        """Return all tasks, or as many as give `most` sets per variant."""
         out = []
         for variant, count in self.variants.items():
             left, number = count if most is None else min(count, most), 0
@@ -160,7 +160,7 @@ class Row:
         return out
 
     def lines(self, outcomes: Sequence[Outcome]) -> list[Line]:
-        """Rates against bounds."""
+        """Return rates against bounds."""
         out = []
         for variant in self.variants:
             mine = [o for o in outcomes if o.task.variant == variant]
@@ -181,7 +181,8 @@ names, get = ROWS.names, ROWS.get
 
 
 def tasks(wanted: Sequence[str], most: int | None = None, robot: str = "") -> list[Task]:
-    """The tasks of rows (`noise`), of a variant (`noise.correlated`), or of variants that begin alike (`hidden.pair`).
+    """Return the tasks of rows (`noise`), of a variant (`noise.correlated`), or of variants that begin alike
+    (`hidden.pair`).
 
     Args:
         robot: text of the robot file for rows of hidden faults.
@@ -201,7 +202,7 @@ def tasks(wanted: Sequence[str], most: int | None = None, robot: str = "") -> li
 
 
 def lines(outcomes: Sequence[Outcome]) -> list[Line]:
-    """Rates against bounds, of the rows that were asked."""
+    """Return rates against bounds, of the rows that were asked."""
     asked = dict.fromkeys(o.task.row for o in outcomes)
     found = (get(name).lines([o for o in outcomes if o.task.row == name]) for name in asked)
     return [line for some in found for line in some if line.n]
@@ -221,7 +222,7 @@ def run(task: Task, seed: int) -> list[Outcome]:
 
 
 def replay(name: str, seed: int, robot: str = "") -> Set:
-    """One set by its name.
+    """Return one set by its name.
 
     Raises:
         InputError: no such set.

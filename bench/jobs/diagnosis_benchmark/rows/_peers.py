@@ -43,7 +43,7 @@ class Columns:
 
     @classmethod
     def of(cls, made: Problem) -> Columns:
-        """The columns of a problem."""
+        """Return the columns of a problem."""
         U, at = span(made.nuisance, NUISANCE).astype(np.float32), made.point.situation
         values, channels, variables = [], [], []
         for channel, places, terms in laws(at):
@@ -63,7 +63,7 @@ class Columns:
 
 
 def stepwise(X: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Columns in the order in which they were taken."""
+    """Return columns in the order in which they were taken."""
     chosen: list[int] = []
     rest, best = y, float(y @ y)
     while len(chosen) < MOST:
@@ -78,7 +78,7 @@ def stepwise(X: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def lasso(X: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Columns with a coefficient, the largest first, at the weight of smallest BIC."""
+    """Return columns with a coefficient, the largest first, at the weight of smallest BIC."""
     largest = float(np.abs(X.T @ y).max())
     active, theta = np.zeros(0, int), np.zeros(0)
     best, chosen = float(y @ y), np.zeros(0, int)
@@ -108,7 +108,7 @@ def lasso(X: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def thresholded(X: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Columns that stay, the largest coefficient first."""
+    """Return columns that stay, the largest coefficient first."""
     chosen = np.argsort(-np.abs(X.T @ y))[:START]
     theta = np.zeros(0)
     for _ in range(20):
@@ -130,7 +130,7 @@ NAMING: Mapping[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
 
 
 def process(model: Model, data: Measurements, sigma_pos: float) -> float:
-    """Held-out RMS position error over the noise, once a Gaussian process has predicted the residuals.
+    """Return the held-out RMS position error over the noise, once a Gaussian process has predicted the residuals.
 
     Its kernel is a squared exponential in all that was recorded, scaled to unit variance; length and amplitude are
     those of largest likelihood on a grid.

@@ -24,17 +24,17 @@ KINDS = ("delta", "hexa", "delta", "h4", "delta", "linear_delta", "hexapod", "de
 
 @cache
 def robot(name: str) -> Robot:
-    """A robot of models/."""
+    """Return a robot of models/."""
     return robots.load(MODELS / f"{name}.toml")
 
 
 def stage(design: Design, kind: str, rng: np.random.Generator) -> Stage:
-    """A random robot of a kind before a random plan."""
+    """Return a random robot of a kind before a random plan."""
     return Stage.draw(design, robot(kind), int(rng.integers(2**31)))
 
 
 def nothing(task: Task, rng: np.random.Generator) -> Iterator[Set]:
-    """Sets with nothing hidden, of a robot of the kind whose turn it is."""
+    """Yield sets with nothing hidden, of a robot of the kind whose turn it is."""
     kind = KINDS[task.number % len(KINDS)]
     there = stage(DESIGNS["rich"], kind, rng)
     for _ in range(task.sets):
@@ -42,7 +42,7 @@ def nothing(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 
 def held_out(model: Model, data: Measurements, sigma_pos: float, good: np.ndarray | None = None) -> float:
-    """RMS position error of the held-out rows over the noise that there is; NaN without such rows.
+    """Return the RMS position error of the held-out rows over the noise that there is; NaN without such rows.
 
     Args:
         sigma_pos: [m] true 1σ per component.
@@ -56,7 +56,7 @@ def held_out(model: Model, data: Measurements, sigma_pos: float, good: np.ndarra
 
 
 def in_words(found: Diagnosis) -> str:
-    """Verdict and sets, short."""
+    """Return the verdict and what stands in its sets, in a few words."""
     sets = " | ".join("+".join(e.names) or "nothing" for e in found.sets[:3])
     cell = found.cells[0]
     hottest = f"{cell.channel} by {cell.variable}"

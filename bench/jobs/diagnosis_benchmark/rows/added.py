@@ -74,7 +74,8 @@ def _judge(made: Set) -> Said:
 
 
 def _start(found: Diagnosis, effect: str) -> FittedEffect:
-    """The effect in the variant that the diagnosis names, at the values it found; else as it ranks first by itself."""
+    """Return the effect in the variant that the diagnosis names, at the values it found; else as it ranks first by
+    itself."""
     for explanation in found.sets:
         if explanation.names == (effect,):
             [chosen], [theta] = explanation.members, explanation.theta
@@ -88,7 +89,7 @@ def _start(found: Diagnosis, effect: str) -> FittedEffect:
 
 
 def miss(case: Case, model: Model, seed: int) -> float:
-    """[m] RMS distance between targets and where the compensated robot, with its faults in it, puts the TCP.
+    """Return the RMS distance [m] between targets and where the compensated robot, with its faults in it, puts the TCP.
 
     Tools, payloads, temperatures, times and directions are those of measured rows, in random order.
     """
@@ -105,7 +106,7 @@ def miss(case: Case, model: Model, seed: int) -> float:
 
 
 def means(outcomes: Sequence[Outcome]) -> dict[str, dict[str, float]]:
-    """Mean figures by effect, with the size that was hidden and the number of robots."""
+    """Return mean figures by effect, with the size that was hidden and the number of robots."""
     out: dict[str, dict[str, float]] = {}
     graded = [(o.said.grade, o.said.figures) for o in outcomes if o.said.grade is not None]
     for effect in sorted({g.facts.effects[0] for g, _ in graded}):

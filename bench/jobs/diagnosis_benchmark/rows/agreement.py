@@ -18,7 +18,7 @@ SIZES = (4.0, 20.0)
 
 
 def _hidden(task: Task, rng: np.random.Generator) -> Iterator[Set]:
-    """A listed fault of some size."""
+    """Yield sets with a listed fault of some size."""
     usable = [CATALOGUE[n] for n in LISTED if not CATALOGUE[n].companion and not CATALOGUE[n].bar]
     for _ in range(task.sets):
         there = stage(DESIGNS["rich" if rng.random() < 0.6 else "rich-position"], "delta", rng)
@@ -34,7 +34,7 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 
 def contradictions(made: Set) -> tuple[str, list[str]]:
-    """What is said, and each statement of one command that another denies."""
+    """Return what is said, and each statement of one command that another denies."""
     from pcalib.diagnosis.diagnose import diagnose
 
     found = diagnose(made.model, made.data)

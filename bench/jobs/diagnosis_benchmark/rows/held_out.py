@@ -30,7 +30,7 @@ check."""
 
 
 def _stale(task: Task, rng: np.random.Generator) -> Iterator[Set]:
-    """The model of one robot, and data of another, or of the same with one part replaced."""
+    """Yield data of a robot with the model of another, or of the same before one part was replaced."""
     kind = KINDS[task.number % len(KINDS)]
     there = stage(RICH, kind, rng)
     model = Set(there.robot, there.measure((), there.reference, int(rng.integers(2**31))), kind).model
@@ -47,7 +47,7 @@ def _stale(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 
 def _outliers(task: Task, rng: np.random.Generator) -> Iterator[Set]:
-    """One row in twenty-five grossly wrong, and a fit that took them all."""
+    """Yield data of which one row in twenty-five is grossly wrong; the fit takes them all."""
     kind = KINDS[task.number % len(KINDS)]
     size = float(np.exp(rng.uniform(np.log(3e-4), np.log(5e-3))))
     there = stage(replace(RICH, instrument_settings={"outliers": 0.04, "outlier_size": size}), kind, rng)
@@ -58,7 +58,7 @@ def _outliers(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 
 def _elsewhere(task: Task, rng: np.random.Generator) -> Iterator[Set]:
-    """Rows to fit under one condition, held-out rows under another, and a fault that only the change shows."""
+    """Yield rows to fit under one condition, held-out rows under another, and a fault that only the change shows."""
     name, table, columns, fit, check = CONDITIONS[task.variant]
     kind = ("delta", "hexa", "h4", "delta")[task.number % 4]
     there = stage(RICH, kind, rng)
@@ -77,7 +77,7 @@ def _elsewhere(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 
 def _misfits(task: Task, rng: np.random.Generator) -> Iterator[Set]:
-    """Listed and unlisted faults that can be seen."""
+    """Yield sets with listed and unlisted faults that can be seen."""
     usable = [h for h in CATALOGUE.values() if not h.companion and not h.bar]
     for _ in range(task.sets):
         there = stage(RICH, "delta", rng)

@@ -64,7 +64,7 @@ class Cell:
 
 @cache
 def cells() -> dict[str, list[Cell]]:
-    """The cells of every variant, in a fixed order."""
+    """Return the cells of every variant, in a fixed order."""
 
     def suited(design: str) -> list[str]:
         return [name for name in catalogue.LISTED if suits(CATALOGUE[name], DESIGNS[design], robot("delta"))]
@@ -87,7 +87,7 @@ def cells() -> dict[str, list[Cell]]:
 
 
 def naming_its_gears(nominal: Robot) -> Robot:
-    """The robot with a file that says how often its gears ripple per turn."""
+    """Return the robot with a file that says how often its gears ripple per turn."""
     cycles = CATALOGUE["gear_ripple"].typical["cycles_per_rev"]
     return robots.parse(f"{nominal.text}\n[drive]\nripple_per_turn = [{cycles:g}]\n", f"{nominal.name}.toml")
 
@@ -108,7 +108,7 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 def _cases(
     there: Stage, cell: Cell, sizes: Sequence[float], rng: np.random.Generator
 ) -> Iterator[tuple[float, Case]]:
-    """One case per size; none for sizes that a fault cannot reach."""
+    """Yield one case per size; none for sizes that a fault cannot reach."""
     if cell.part == "pair":
         for wanted in sizes:
             if (case := _pair(there, wanted, rng)) is not None:
@@ -140,7 +140,7 @@ def _pair(there: Stage, wanted: float, rng: np.random.Generator) -> Case | None:
 
 
 def answer_of(found: Diagnosis) -> Answer:
-    """What a diagnosis says, as it would stand in its JSON."""
+    """Return what a diagnosis says, as it would stand in its JSON."""
     return Answer(found.verdict, tuple(sorted(found.established)), tuple(tuple(sorted(e.names)) for e in found.sets))
 
 

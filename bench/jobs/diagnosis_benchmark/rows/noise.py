@@ -89,7 +89,7 @@ CONTACT_NOISE = 3e-5
 
 
 def _contacts(task: Task, variant: _Variant, kind: str, rng: np.random.Generator) -> Iterator[Set]:
-    """A level bed, touched at random places by a robot whose errors are of the level that is fitted."""
+    """Yield contacts of a level bed, touched at random places by a robot with errors of the level that is fitted."""
     nominal = robot(kind)
     basis = nominal.mechanism.levels[variant.level].basis
     scale = np.where(np.array(nominal.mechanism.units) == "m", 2e-4, 1e-3)

@@ -62,7 +62,7 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 
 def _right(made: Set, channel: str, variables: Collection[str]) -> bool:
-    """Whether that is the true channel, and the true variable among those named."""
+    """Return whether that is the true channel, and the true variable among those named."""
     [law] = made.truth["laws"]
     [term] = law.terms
     wanted = VARIABLES.get(term.variable, {term.variable})
@@ -70,13 +70,14 @@ def _right(made: Set, channel: str, variables: Collection[str]) -> bool:
 
 
 def _holds(family: Family, made: Set) -> bool:
-    """Whether a class has a right member."""
+    """Return whether a class has a right member."""
     told = (law for member in family.members for law in member.laws)
     return any(_right(made, law.channel.name, [s.variable.name for s in law.term.variables]) for law in told)
 
 
 def _peers(made: Set, columns: Columns) -> dict[str, bool]:
-    """What other methods make of the same columns: the right law first; or, with nothing hidden, any law at all."""
+    """Return what other methods make of the same columns: the right law first; or, with nothing hidden, any law at
+    all."""
     out = {}
     for name, method in NAMING.items():
         chosen = method(columns.values, columns.y)
@@ -88,7 +89,7 @@ def _peers(made: Set, columns: Columns) -> dict[str, bool]:
 
 
 def _like_a_right_one(made: Set, columns: Columns, first: int) -> bool:
-    """Whether the data cannot tell a column from a right one: peers are given the aliases that a class has."""
+    """Return whether the data cannot tell a column from a right one: peers are given the aliases that a class has."""
     named = zip(columns.channel, columns.variables, strict=True)
     right = np.array([_right(made, str(channel), variables) for channel, variables in named])
     chosen = columns.values[:, first]
@@ -97,7 +98,7 @@ def _like_a_right_one(made: Set, columns: Columns, first: int) -> bool:
 
 
 def _judged(made: Set, found: Proposals) -> tuple[float, float]:
-    """What the first class is good for once it is in the model; NaN where it cannot be added.
+    """Return what the first class is good for once it is in the model; NaN where it cannot be added.
 
     Returns:
         Held-out RMS over the noise; and, for a plain law, the miss of the compensated robot in MuJoCo, with the law in

@@ -54,7 +54,7 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 
 def told(found: Diagnosis) -> tuple[str, int, int | None]:
-    """(channel, motor or −1, index of the first row after the step or None) that a diagnosis names."""
+    """Return (channel, motor or −1, index of the first row after the step or None) that a diagnosis names."""
     cell = (*found.events, *found.cells)[0]
     if cell.found is None:
         return cell.channel, -1, None
