@@ -12,6 +12,7 @@ from pcalib import wording
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
 from pcalib.errors import FitError
+from pcalib.fitting.far import Far, far
 from pcalib.fitting.identifiability import Identifiability
 from pcalib.fitting.unknowns import Unknowns, current
 from pcalib.model import Model
@@ -155,6 +156,11 @@ class Fit:
     def estimate(self) -> np.ndarray:
         """(n,) values of the unknowns: change from nominal, effect values, target offset."""
         return current(self.candidate, self.unknowns)
+
+    @cached_property
+    def far(self) -> tuple[Far, ...]:
+        """Values many manufacturing tolerances from the drawing, the farthest first."""
+        return far(self.candidate, self.unknowns, self.covariance)
 
     @cached_property
     def left_out(self) -> float:
