@@ -25,6 +25,12 @@ _SCALES = np.geomspace(1.0, 100.0, 60)
 """Candidates for the scale of the priors, 8 % apart; the result is interpolated between them."""
 _MEDIAN = 0.6745
 """Median of |z| for a standard normal z."""
+WIDENED = 2.0
+"""Scale of the priors that asks for an explanation: chance alone reaches 1.3 with 40 directions."""
+_TURNS, _ALIKE = 20, 0.05
+"""Most turns in which scale and gross errors are found, and the relative change below which they are found."""
+GROSS = 10.0
+"""Tolerances (1 mm, 0.5°) from which on a change is taken for an error of the drawing and not of manufacture."""
 _KNOWN = 0.5
 """Share of an effect's prior variance that the data must take away before its prior is widened."""
 
@@ -37,12 +43,15 @@ class Weights:
     """(N,) robust weight of each row."""
     scale: float
     """Common factor on the priors of the geometry."""
+    gross: np.ndarray
+    """(n_geometric,) further factor on each, more than 1 where the drawing is grossly wrong."""
     room: np.ndarray
     """(n_effects,) 1σ of the priors of effects, in natural sizes."""
 
     def change(self, before: Weights) -> tuple[float, float]:
-        """Largest change of a row's weight, and largest relative change of an effect's prior."""
-        return np.abs(self.row - before.row).max(), np.abs(self.room / before.room - 1).max(initial=0.0)
+        """Largest change of a row's weight, and largest relative change of the prior of an effect or of a dimension."""
+        room = np.abs(self.room / before.room - 1).max(initial=0.0)
+        return np.abs(self.row - before.row).max(), max(room, np.abs(self.gross / before.gross - 1).max(initial=0.0))
 
 
 def robust_weights(error: np.ndarray, noise: Noise, loss: str) -> np.ndarray:
@@ -99,6 +108,43 @@ def prior_scale(rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: n
         return float(_SCALES[0 if len(enough) else -1])
     between = slice(enough[0] - 1, enough[0] + 1)
     return float(np.exp(np.interp(0.0, -np.log(np.maximum(size[between], 1e-300)), np.log(_SCALES[between]))))
+
+
+def priors(
+    rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """The common scale of the priors of the geometry, and factors (n_geometric,) of gross errors beside it.
+
+    One gross error leaks into all eigenvectors and so into the common scale, which then hides it. The two are therefore
+    found in turn, each with the other as it is, from the stated tolerances on.
+
+    Args:
+        rows, u, prior, geometric: as of :func:`prior_scale`.
+    """
+    size, wide, gross = np.ones(len(u)), prior.copy(), np.ones(len(geometric))
+    scale = 1.0
+    for _ in range(_TURNS):
+        wide[geometric] = scale * gross * prior[geometric]
+        there = u + least_squares.solve(rows, -u, wide)[0]
+        before, gross = gross, gross_errors((there / prior)[geometric], scale)
+        size[geometric] = gross
+        scale = prior_scale(rows * np.append(size, 1.0), u / size, prior, geometric)
+        if np.abs(gross / before - 1).max(initial=0.0) < _ALIKE:
+            break
+    return scale, gross
+
+
+def gross_errors(u: np.ndarray, scale: float) -> np.ndarray:
+    """Factors (n,) on the priors of dimensions that lie many tolerances from the drawing: |z|/c for |z| > c, else 1.
+
+    Iteratively reweighted, such a factor makes the prior Gaussian within c tolerances and a Cauchy distribution beyond:
+    an error in the drawing or in the robot file is no manufacturing error, and draws on nothing else.
+
+    Args:
+        u: (n,) changes from the drawing in tolerances.
+        scale: common factor on the tolerances.
+    """
+    return np.maximum(1.0, np.abs(u) / (GROSS * scale))
 
 
 def effect_room(u: np.ndarray, variance: np.ndarray, room: np.ndarray, least: np.ndarray) -> np.ndarray:

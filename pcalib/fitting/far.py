@@ -56,15 +56,15 @@ def far(model: Model, unknowns: Unknowns, covariance: np.ndarray, least: float =
     level = unknowns.level
     columns = [level.columns.index(name) for name in unknowns.names[:g]]
     setting = mechanism.is_setting(level)
-    found = [(name, name, level.units[j], bool(setting[j]), level.basis[:, j])
-             for name, j in zip(unknowns.names[:g], columns, strict=True)]  # fmt: skip
+    found = []
     drive = "rad" if mechanism.actuator_dimension == "angle" else "m"
-    zeros = [p for p in mechanism.parts if p.name.endswith(".zero")]
-    inside = np.linalg.lstsq(unknowns.basis, mechanism.motor_zeros, rcond=None)[0]
-    for i, part in enumerate(zeros):
-        # A zero that the level cannot make is no explanation of what the level made.
-        if np.allclose(unknowns.basis @ inside[:, i], part.basis[:, 0], atol=1e-9):
-            found.append((part.name, part.words, drive, True, part.basis[:, 0]))
+    inside = unknowns.basis @ np.linalg.lstsq(unknowns.basis, mechanism.motor_zeros, rcond=None)[0]
+    for i, zero in enumerate(mechanism.motor_zeros.T):
+        part = next(part for part in mechanism.parts if np.array_equal(part.basis[:, 0], zero))
+        if np.allclose(inside[:, i], zero, atol=1e-9):  # else the level cannot make it
+            found.append((part.name, part.words, drive, True, zero))
+    for name, j in zip(unknowns.names[:g], columns, strict=True):
+        found.append((name, name, level.units[j], bool(setting[j]), level.basis[:, j]))
     scaled = np.stack([basis for *_, basis in found], axis=1) / tolerance[:, None]
     scaled -= U @ (U.T @ scaled)
     length = np.linalg.norm(scaled, axis=0)

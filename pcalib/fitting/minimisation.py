@@ -26,6 +26,8 @@ NEGLIGIBLE = 1e-3
 _IDLE = 3
 """Number of such steps in a row that ends the search. Where a model misses something, Gauss–Newton creeps on along
 directions that the data hardly know; damped steps are short by themselves and prove nothing."""
+_AGAIN = 5
+"""Most searches that are made again because they had to be damped; two are usual."""
 _SETTLED = 10
 """Number of steps after which the scales of priors stay what they are, so that they cannot keep a fit from ending."""
 _STEADY_ROWS, _STEADY_ROOM = 1e-3, 0.05
@@ -84,7 +86,7 @@ class Task:
     def held(self, weights: Weights) -> np.ndarray:
         """(n,) 1σ of the priors under some weights."""
         out = self.prior.copy()
-        out[self.geometric] *= weights.scale
+        out[self.geometric] *= weights.scale * weights.gross
         out[self.effects] = weights.room
         return out
 
@@ -143,11 +145,28 @@ class State:
     converged: bool = False
     stuck: bool = False
     """No further step is possible."""
+    reweighed: int = 0
+    """Times that the priors of the geometry were re-estimated."""
+    stale: bool = False
+    """The priors were last re-estimated before steps that had to be damped."""
 
 
 def minimise(task: Task, model: Model, at: At) -> State:
-    """Search from a model with residuals `at` until converged, stuck or out of iterations."""
-    state = start(task, model, at)
+    """Search from a model with residuals `at` until converged, stuck or out of iterations.
+
+    A search that had to be damped never saw what its minimum says of the priors, and is made again from there.
+    """
+    state = search(task, start(task, model, at))
+    for _ in range(_AGAIN):
+        if not (state.converged and state.stale):
+            break
+        again = replace(start(task, state.model, state.at), iterations=state.iterations)
+        state = search(task, again)
+    return state
+
+
+def search(task: Task, state: State) -> State:
+    """Steps from a state until converged, stuck or out of iterations."""
     while not (state.converged or state.stuck):
         state = reweigh_priors(task, state)
         before = state.weights
@@ -168,7 +187,7 @@ def start(task: Task, model: Model, at: At) -> State:
         model = apply(model, unknowns, np.clip(here, unknowns.lower, unknowns.upper) - here)
         at = evaluate(model, task.data, at[1].pose)
     row = evidence.robust_weights(at[0], task.noise, task.loss)
-    weights = Weights(row, task.prior_scale or 1.0, task.prior[task.effects])
+    weights = Weights(row, task.prior_scale or 1.0, np.ones(len(task.geometric)), task.prior[task.effects])
     linear = task.linearised(model, at, row)
     return State(model, at, task.position(model), weights, linear, task.scaled(linear), linear, np.zeros((0, 0)))
 
@@ -176,10 +195,18 @@ def start(task: Task, model: Model, at: At) -> State:
 def reweigh_priors(task: Task, state: State) -> State:
     """The state with the common scale of the priors that the data support here."""
     estimated = task.prior_scale is None and len(task.geometric) > 0
-    if not estimated or state.damping or state.iterations >= _SETTLED or not np.isfinite(state.rows).all():
+    if not estimated or not np.isfinite(state.rows).all():
         return state
-    scale = evidence.prior_scale(state.rows, state.u, task.held(state.weights), task.geometric)
-    return replace(state, weights=replace(state.weights, scale=scale))
+    if state.damping:
+        return replace(state, stale=True)
+    if state.reweighed >= _SETTLED:
+        return state
+    weights = state.weights
+    prior = task.prior.copy()
+    prior[task.effects] = weights.room
+    scale, gross = evidence.priors(state.rows, state.u, prior, task.geometric)
+    weights = replace(weights, scale=scale, gross=gross)
+    return replace(state, weights=weights, stale=False, reweighed=state.reweighed + 1)
 
 
 def step(task: Task, s: State) -> State:

@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from pcalib import units, wording
+from pcalib.fitting.evidence import WIDENED
 from pcalib.fitting.result import Caution, Code, Fit
 
 LEFT_OUT = 1.5
 """Warn when rotations that the level leaves out exceed this many σ (RMS): no noise of 20 readings or more does."""
-WIDENED = 2.0
-"""Warn when the manufacturing priors were widened by more than this: chance alone reaches 1.3 with 40 directions."""
 FAR = 6
 """Warn of rows more than this many times as far off as the median row: noise alone reaches 3 in a thousand rows."""
 LIGHT = 0.5

@@ -570,3 +570,20 @@ def test_a_fit_says_itself_in_a_line_and_in_a_summary(truth, measure):
     assert len(repr(found)) < 120 and "complete converged" in repr(found)
     lines = found.summary().splitlines()
     assert lines[0] == found.headline() and len(lines) == 1 + len(found.warnings) > 1
+
+
+@pytest.mark.parametrize("gross", ["rod", "zero"])
+def test_one_gross_error_of_the_drawing_does_not_bias_the_others(delta, perturb, measure, gross):
+    """A rod 20 mm longer than drawn, or a motor homed 2° off, on robots that are else as accurate as their tolerances."""
+    mechanism, scores = delta.mechanism, []
+    change = {"rod": 0.02 * (np.arange(60) == mechanism.index("l31")), "zero": np.radians(2) * mechanism.motor_zeros[:, 1]}
+    for seed in range(4):
+        there = Model(delta, perturb(seed) + change[gross], "complete")
+        found = identification.fit(measure(there, 60, seed), delta)
+        assert found.prior_scale < 1.5 and found.model.sigma is not None
+        scores.append((found.model.k - there.k) / found.model.sigma)
+        first = found.far[0]
+        assert (first.name, first.setting) == {"rod": ("l31", False), "zero": ("q2.zero", True)}[gross]
+        assert first.change == pytest.approx({"rod": 0.02, "zero": np.radians(2)}[gross], rel=0.05)
+        assert len(found.far) == 1
+    assert 0.85 < np.sqrt(np.mean(np.square(scores))) < 1.2 and np.abs(scores).max() < 4.5
