@@ -145,8 +145,8 @@ class State:
     converged: bool = False
     stuck: bool = False
     """No further step is possible."""
-    reweighed: int = 0
-    """Times that the priors of the geometry were re-estimated."""
+    turns: int = 0
+    """Steps of this search."""
     stale: bool = False
     """The priors were last re-estimated before steps that had to be damped."""
 
@@ -197,16 +197,15 @@ def reweigh_priors(task: Task, state: State) -> State:
     estimated = task.prior_scale is None and len(task.geometric) > 0
     if not estimated or not np.isfinite(state.rows).all():
         return state
-    if state.damping:
-        return replace(state, stale=True)
-    if state.reweighed >= _SETTLED:
+    state = replace(state, turns=state.turns + 1, stale=state.stale or bool(state.damping))
+    if state.damping or state.turns > _SETTLED:
         return state
     weights = state.weights
     prior = task.prior.copy()
     prior[task.effects] = weights.room
     scale, gross = evidence.priors(state.rows, state.u, prior, task.geometric)
     weights = replace(weights, scale=scale, gross=gross)
-    return replace(state, weights=weights, stale=False, reweighed=state.reweighed + 1)
+    return replace(state, weights=weights, stale=False)
 
 
 def step(task: Task, s: State) -> State:
