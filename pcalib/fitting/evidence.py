@@ -31,6 +31,8 @@ _TURNS, _ALIKE = 20, 0.05
 """Most turns in which scale and gross errors are found, and the relative change below which they are found."""
 GROSS = 10.0
 """Tolerances (1 mm, 0.5°) from which on a change is taken for an error of the drawing and not of manufacture."""
+FEW = 0.125
+"""Share of the dimensions that may be grossly wrong: of a Delta's 60, the six that an arm of another length changes."""
 _KNOWN = 0.5
 """Share of an effect's prior variance that the data must take away before its prior is widened."""
 
@@ -116,7 +118,8 @@ def priors(
     """The common scale of the priors of the geometry, and factors (n_geometric,) of gross errors beside it.
 
     One gross error leaks into all eigenvectors and so into the common scale, which then hides it. The two are therefore
-    found in turn, each with the other as it is, from the stated tolerances on.
+    found in turn, each with the other as it is, from the stated tolerances on. Many gross errors are no errors of the
+    drawing but something that the model misses, and are given no room.
 
     Args:
         rows, u, prior, geometric: as of :func:`prior_scale`.
@@ -131,6 +134,9 @@ def priors(
         scale = prior_scale(rows * np.append(size, 1.0), u / size, prior, geometric)
         if np.abs(gross / before - 1).max(initial=0.0) < _ALIKE:
             break
+    if np.sum(gross > 1) > FEW * len(gross):
+        gross = np.ones(len(gross))
+        scale = prior_scale(rows, u, prior, geometric)
     return scale, gross
 
 
