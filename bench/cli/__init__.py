@@ -8,7 +8,7 @@ from pcalib.cli import frame
 
 DESCRIPTION = """The virtual robot: simulate measurements with MuJoCo, and judge what pcalib makes of them.
 
-Exit code: 0 fine, 1 a check that was asked for did not hold, 2 bad input."""
+Exit code: 0 fine, 1 a check that was asked for did not hold, 2 bad input, 3 a fault of the program."""
 EXAMPLES = """
 pcbench demo
 pcbench simulate truth.toml --plan rich -n 120 -o data.csv

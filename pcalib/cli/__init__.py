@@ -9,7 +9,7 @@ from pcalib.cli import frame
 DESCRIPTION = """Calibrate parallel robots: identify every rod, compensate the command, find the missing physics.
 
 Files: robots are TOML, measurements and targets CSV or Parquet; every quantity carries its unit in its name.
-Exit code: 0 fine, 1 a check that was asked for did not hold, 2 bad input."""
+Exit code: 0 fine, 1 a check that was asked for did not hold, 2 bad input, 3 a fault of the program."""
 EXAMPLES = """
 pcalib inspect data.csv --robot models/delta.toml
 pcalib fit data.csv --robot models/delta.toml -o m.toml

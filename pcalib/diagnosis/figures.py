@@ -161,12 +161,12 @@ def save(path: Path, svg: str) -> None:
     """Write a drawing that stands alone, in dark ink on white.
 
     Raises:
-        InputError: not an .svg file, or it cannot be written.
+        InputError: a suffix other than .svg, or the file cannot be written.
     """
     from pcalib import files
     from pcalib.errors import InputError
 
-    if path.suffix.lower() != ".svg":
+    if path.suffix.lower() not in ("", ".svg"):  # devices have no suffix
         raise InputError(f"drawings are SVG, not '{path.suffix}'", file=path, remedy="name a file that ends with .svg")
     for name, colour in (("ink", "#16181d"), ("quiet", "#5b616b"), ("rule", "#d9dde3"), ("paper", "#ffffff")):
         svg = svg.replace(f"var(--{name})", colour)

@@ -173,7 +173,7 @@ def test_outputs_get_to_where_they_were_asked_for(module, turn, cell, tmp_path, 
     asked = {}
     for i, (name, mark) in enumerate(outputs(module)):
         case = "newline" if mark.folder else CASES[(i + turn) % len(CASES)]
-        path = tmp_path / f"{name}.x"
+        path = tmp_path / name
         if case == "device":
             path = Path("/dev/null")
         elif case == "full":

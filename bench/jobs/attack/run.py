@@ -36,7 +36,7 @@ SECONDS, WAITING = 20, 300
 """[s] of the processor, and of the clock: a case that takes longer hangs."""
 MEMORY = 1_000_000_000
 """[bytes] of the whole attack."""
-READ_SHARE = 0.8
+READ_SHARE = 0.92
 """Of the cases, how many go to a reader; the others go through a command, which takes fifty times as long."""
 SLOW = ("diagnose", "explain", "next", "demo", "blind", "campaign", "regress", "verify", "propose")
 """Commands that take seconds where their input is good: files that can be read are rarely given to them."""
