@@ -28,7 +28,7 @@ class Reflectors(Noise):
     def places(self) -> np.ndarray:
         """(3, 3) [m] the reflectors in the plate frame, one a row."""
         way = np.radians([90.0, 210.0, 330.0])
-        circle = np.stack([np.cos(way), np.sin(way), np.zeros(3)], axis=1)
+        circle = np.round(np.stack([np.cos(way), np.sin(way), np.zeros(3)], axis=1), 15)
         return self.values["reflector_centre"] + self.values["reflector_radius"] * circle
 
     def errors(self, scene: Scene) -> np.ndarray:

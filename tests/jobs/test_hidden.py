@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench import random_laws
 from bench.jobs.hidden import case as cases
 from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.catalogue import CATALOGUE
@@ -187,3 +188,23 @@ def test_rows_held_out_among_the_others():
     q = there.plan.commands.q
     same = (q[1:] == q[:-1]).all(axis=1)
     assert same.sum() > 20 and (held[1:] == held[:-1])[same].all()  # replicates stay together
+
+
+def test_replicates_apart():
+    there = Stage.draw(replace(DESIGNS["rich"], apart=True), ROBOT, 7)
+    plan, plain = there.plan, stage().plan
+    time, held = plan.commands.columns["time"], plan.check
+    assert (np.diff(time) > 0).all() and (np.diff(held.astype(int)) >= 0).all() and held.sum() == plain.check.sum()
+    gaps = [np.ptp(np.flatnonzero(plan.pose_id == i)) for i in np.unique(plan.pose_id[plan.pose_id >= 0])]
+    assert len(gaps) > 15 and np.median(gaps) > 10
+    for i in np.unique(plan.pose_id[plan.pose_id >= 0]):
+        rows = plan.pose_id == i
+        assert np.ptp(plan.commands.q[rows], axis=0).max() == 0 == np.ptp(plan.commands.columns["temp_rods"][rows])
+    assert sorted(map(tuple, plan.commands.q)) == sorted(map(tuple, plain.commands.q))
+
+
+def test_a_plain_law_has_one_factor_of_few_shapes():
+    for seed in range(60):
+        [law] = random_laws.draw({"actuator": 3, "rod": 6, "axis": 3}, seed, plain=True)
+        [term] = law.terms
+        assert term.shape in random_laws.PLAIN[term.variable].split()
