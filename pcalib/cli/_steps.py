@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from pcalib.cli._next import after_model
 from pcalib.cli.frame import say, show_table
 from pcalib.diagnosis.steps import Step
 from pcalib.model import Model
 
+if TYPE_CHECKING:
+    from pcalib.data.measurement import Measurements
 
-def finish(step: Step, model: Model, data: Path, output: Path) -> None:
+
+def finish(
+    step: Step, model: Model, data: Path, output: Path, report: Path | None = None, measured: Measurements | None = None
+) -> None:
     """Write the model with the step in its history, and print what the step changed.
+
+    Args:
+        report: HTML file to write too, of the fit after the step to the `measured` rows.
 
     Raises:
         FitError: the refit cannot be trusted; nothing is written.
@@ -23,6 +33,10 @@ def finish(step: Step, model: Model, data: Path, output: Path) -> None:
     figures = summary.statistics(step.after)
     entry = modelfile.snapshot(fitted, step.action, effect=step.spec, data=data.name, **figures)
     modelfile.save(output, replace(fitted, history=(*model.history, entry)), figures)
+    if report is not None and measured is not None:
+        from pcalib.report import calibration
+
+        calibration.write_fit(report, step.after, measured, [telling.step_sentence(step)])
     say(telling.step_sentence(step))
     print()
     show_table(telling.BEFORE_AFTER, telling.before_after(step.before, step.after))
@@ -36,3 +50,6 @@ def finish(step: Step, model: Model, data: Path, output: Path) -> None:
             title="Geometry that had been bent to make up for it" if step.action == "add" else "Geometry that moved",
         )
     say(f"Model written to {output}.")
+    if report is not None:
+        say(f"Report written to {report}.")
+    after_model(step.after, data, output)

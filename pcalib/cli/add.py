@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pcalib.cli._inputs import EffectFiles, EffectSpec, ModelOption
-from pcalib.cli.frame import JsonOption, RewriteOption, write_json
+from pcalib.cli.frame import BesideOption, JsonOption, RewriteOption, write_json
 
 
 def command(
@@ -22,6 +22,7 @@ def command(
     model: ModelOption,
     output: RewriteOption = None,
     effect_file: EffectFiles = (),
+    report: BesideOption = None,
     json: JsonOption = None,
 ) -> int | None:
     """Refit a model with one effect more, and see what it changes.
@@ -33,6 +34,7 @@ def command(
         effect: NAME, NAME:arm, NAME:rod, a geometry level, or file.py:Class of your own.
         data: Measurement file, CSV or Parquet.
         output: Model file to write; the same file when absent.
+        report: Also write a report of the new fit, one self-contained HTML file.
     """
     from pcalib.cli._inputs import read
     from pcalib.cli._steps import finish
@@ -43,5 +45,5 @@ def command(
     calibrated, measured, own = read(model, data, effect_file)
     step = steps.add(calibrated, measured, effect, own)
     write_json(json, results.step_json(step))
-    finish(step, calibrated, data, output or model)
+    finish(step, calibrated, data, output or model, report, measured)
     return None

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli._next import say_next
 from pcalib.cli.frame import BesideOption, JsonOption, say, show_table, write_json
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def command(
     model: ModelOption,
     report: BesideOption = None,
     rrd: BesideOption = None,
+    residuals: BesideOption = None,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:
@@ -34,6 +36,8 @@ def command(
     Args:
         data: Measurement file, CSV or Parquet.
         report: Also write a report, one self-contained HTML file.
+        residuals: Also write a table, CSV or Parquet: one row a pose, each component of its residual in µm and µrad and in
+            units of the noise.
         rrd: Also write a recording for the viewer ('pcalib view FILE').
     """
     from pcalib.cli._inputs import read
@@ -48,6 +52,11 @@ def command(
         from pcalib.diagnosis import page
 
         page.write_comparison(report, calibrated, measured, found)
+    if residuals is not None:
+        from pcalib.data import table
+        from pcalib.diagnosis.compare import residual_columns
+
+        table.write(residuals, residual_columns(found, measured))
     if rrd is not None:
         from pcalib.diagnosis import recording
 
@@ -83,13 +92,18 @@ def command(
             [(telling.channel(c), telling.variable(c), _n(c.s), telling.p_text(c.p)) for c in hot[:6]],
             title="Where residuals are more than noise",
         )
-        say("Next: pcalib diagnose names what may be missing.")
     else:
         say("No place stands out.")
     if report is not None:
         say(f"Report written to {report}.")
     if rrd is not None:
         say(f"Recording written to {rrd}.")
+    if residuals is not None:
+        say(f"Residuals written to {residuals}.")
+    if hot:
+        say_next("diagnose", data, "--model", model, why="names what may be missing")
+    else:
+        say_next("compensate", "targets.csv", "--model", model, "-o", "commands.csv", why="targets: x_mm,y_mm,z_mm")
     return None
 
 

@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 
 from pcalib.cli._inputs import EffectFiles
-from pcalib.cli.frame import JsonOption, RequiredOutput, quantity, say, write_json
+from pcalib.cli.frame import NOT_HELD, JsonOption, RequiredOutput, quantity, say, write_json
 
 
 def command(
@@ -23,6 +23,7 @@ def command(
     output: RequiredOutput,
     tool: Annotated[np.ndarray | None, quantity("length", 3)] = None,
     method: str = "exact",
+    strict: bool = False,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:
@@ -37,6 +38,7 @@ def command(
         output: Command file to write.
         tool: TCP in the plate frame with its unit, e.g. 0,0,-300mm; the targets' own tool columns where they have
             them.
+        strict: End with exit code 1 where any target has no command.
         method: exact (inverse of the complete model) or first-order (the paper's).
     """
     from pcalib import compensation, effects, modelfile
@@ -66,4 +68,4 @@ def command(
     others = "".join(f"; {n} {kind.replace('_', ' ')}" for kind, n in tally.items() if kind != "ok")
     say(f"{ok} of {len(wanted)} targets have a command{others}. Written to {output}.")
     write_json(json, {"schema": "pcalib.compensate/1", "method": method, "targets": len(wanted), "status": tally})
-    return None
+    return NOT_HELD if strict and ok < len(wanted) else None

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pcalib.cli._inputs import EffectFiles, EffectSpec, ModelOption
+from pcalib.cli._next import say_next
 from pcalib.cli.frame import BesideOption, JsonOption, say, show_table, write_json
 
 
@@ -19,6 +20,7 @@ def command(
     *,
     model: ModelOption,
     plot: BesideOption = None,
+    report: BesideOption = None,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:
@@ -31,6 +33,7 @@ def command(
         effect: NAME, NAME:arm, a geometry level, or file.py:Class of your own.
         data: Measurement file, CSV or Parquet.
         plot: Also draw it, SVG.
+        report: Also write a report, one self-contained HTML file.
     """
     from pcalib.cli._inputs import read
     from pcalib.diagnosis import results, telling
@@ -45,6 +48,10 @@ def command(
         from pcalib.diagnosis import figures
 
         figures.save(plot, figures.evidence(found))
+    if report is not None:
+        from pcalib.diagnosis import page
+
+        page.write_evidence(report, calibrated, measured, found)
     say(telling.evidence_sentence(found))
     print()
     for line in telling.evidence_lines(found):
@@ -54,4 +61,10 @@ def command(
         show_table(telling.BEFORE_AFTER, telling.before_after(found.before, found.after))
     if plot is not None:
         say(f"Drawn to {plot}.")
+    if report is not None:
+        say(f"Report written to {report}.")
+    if found.finding.adequate:
+        say_next("add", effect, data, "--model", model, why="refit with it")
+    else:
+        say_next("diagnose", data, "--model", model, why="what else may be missing")
     return None

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from pcalib.cli.frame import JsonOption, OutputOption, progress, quantity, say, show_table, write_json
+from pcalib.cli._next import after_fit
+from pcalib.cli.frame import BesideOption, JsonOption, OutputOption, progress, quantity, say, show_table, write_json
 
 if TYPE_CHECKING:
     from pcalib.data.measurement import Measurements
@@ -40,6 +41,7 @@ def command(
     angle_tolerance: Annotated[np.ndarray | None, quantity("angle")] = None,
     folds: int = 0,
     far: bool = False,
+    report: BesideOption = None,
     json: JsonOption = None,
 ) -> int | None:
     """Identify a robot's geometry, and effects named, from measured poses.
@@ -61,6 +63,7 @@ def command(
         length_tolerance: 1σ manufacturing prior of lengths; 0.1mm when absent.
         angle_tolerance: 1σ manufacturing prior of angles; 0.05deg when absent.
         folds: Cross-validate too: fit this many times without a part of the rows, which is predicted.
+        report: Also write a report, one self-contained HTML file.
         far: Fit data all the same that are misread or very far from the drawing.
     """
     from pcalib import modelfile, summary
@@ -104,6 +107,11 @@ def command(
         figures = summary.statistics(found)
         entry = modelfile.snapshot(calibrated, "fit", data=data.name, **figures)
         modelfile.save(output, replace(calibrated, history=(entry,)), figures)
+    if report is not None:
+        from pcalib.report import calibration
+
+        first = [f"{said}. {mixups.remedy(judged)}."] if said else []
+        calibration.write_fit(report, found, measured, [*first, *(doubt.sentence() for doubt in doubts)])
     if said:
         say(f"{said}. {mixups.remedy(judged)}.")
     show(found)
@@ -120,6 +128,9 @@ def command(
         say(f"Cross-validated in {folds} folds: {size(held.rms_pos)} RMS at poses not fitted{rods}.")
     if output is not None:
         say(f"Model written to {output}.")
+    if report is not None:
+        say(f"Report written to {report}.")
+    after_fit(found, data, robot, output)
     return None
 
 

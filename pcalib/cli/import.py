@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pcalib.cli._next import say_next
 from pcalib.cli.frame import BesideOption, JsonOption, OutputOption, say, show_table, write_json
 
 
@@ -62,5 +63,6 @@ def command(
     say(f"{len(found.data)} rows written to {output}, the robot to {robot_output}.")
     for note in found.notes:
         say(f"- {note}")
+    say_next("inspect", output, "--robot", robot_output)
     write_json(json, {"schema": "pcalib.import/1", "form": form, "rows": len(found.data), "notes": found.notes})
     return None

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pcalib.cli import frame
+from pcalib.cli._next import say_next
 from pcalib.cli.frame import JsonOption
 
 
@@ -44,6 +45,10 @@ def command(data: Path, /, *, robot: Path | None = None, json: JsonOption = None
     if result.errors:
         first = result.errors[0]
         return frame.fail(f"{data}: {first.message}\n  {first.remedy}")
+    if robot is None:
+        say_next("inspect", data, "--robot", "robot.toml", why="judges the values too")
+    else:
+        say_next("fit", data, "--robot", robot, "-o", "model.toml")
     return frame.OK
 
 

@@ -59,6 +59,21 @@ class Comparison:
     problem: Problem
 
 
+def residual_columns(found: Comparison, data: Measurements) -> dict[str, np.ndarray | list[str]]:
+    """A row a pose: where it stands, its residuals by component, and the same in units of the noise."""
+    unit, factor = ("deg", np.degrees(1.0)) if data.actuator_dimension == "angle" else ("mm", 1e3)
+    out: dict[str, np.ndarray | list[str]] = {"line": data.lines, "set": ["check" if c else "fit" for c in data.check]}
+    out |= {f"{name}_{unit}": factor * q for name, q in zip(data.actuators, data.q.T, strict=True)}
+    out |= {f"predicted_{axis}_mm": 1e3 * v for axis, v in zip("xyz", found.position.T, strict=True)}
+    axes = (*(f"{axis}_um" for axis in "xyz"), *(f"r{axis}_urad" for axis in "xyz"))
+    out |= {f"residual_{name}": 1e6 * v for name, v in zip(axes, found.error.T, strict=True)}
+    whitened = found.error / noise_of(found.problem, data)
+    out |= {f"residual_{name.partition('_')[0]}_sigmas": v for name, v in zip(axes, whitened.T, strict=True)}
+    seen = np.isfinite(whitened)
+    mean = np.nansum(whitened**2, axis=1) / np.maximum(seen.sum(axis=1), 1)
+    return out | {"times_noise": np.where(seen.any(axis=1), np.sqrt(mean), np.nan)}
+
+
 def compare(
     model: Model, data: Measurements, own: Sequence[Effect] = (), n_worst: int = 5, n_draws: int = N_DRAWS
 ) -> Comparison:

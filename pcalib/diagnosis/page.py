@@ -11,6 +11,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import figures, telling
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis
+from pcalib.diagnosis.evidence import Evidence
 from pcalib.model import Model
 from pcalib.report import Bullets, Facts, Figure, Page, Section, Table
 from pcalib.report.page import versions
@@ -57,6 +58,20 @@ def write_comparison(path: str | Path, model: Model, data: Measurements, found: 
         {"data": data.source, "level": model.level, "effects": _effects(model), **versions()},
     )
     report.write(path, page)
+
+
+def write_evidence(path: str | Path, model: Model, data: Measurements, found: Evidence) -> None:
+    """A page on one effect: the evidence for and against it."""
+    drawn = Figure(
+        figures.evidence(found), "What the effect would explain, and what it leaves.", "Charts of one effect's evidence"
+    )
+    sections = [Section("The evidence", [Bullets(telling.evidence_lines(found)), drawn])]
+    if found.before is not None and found.after is not None:
+        rows = telling.before_after(found.before, found.after)
+        sections.append(Section("Before and after", [Table(telling.BEFORE_AFTER, rows)]))
+    facts = {"data": data.source, "level": model.level, "effects": _effects(model), **versions()}
+    title = f"An effect of {model.robot.name}"
+    report.write(path, Page(title, telling.evidence_sentence(found), sections, "neutral", facts))
 
 
 def write_diagnosis(path: str | Path, model: Model, found: Diagnosis) -> None:

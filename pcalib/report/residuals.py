@@ -87,6 +87,7 @@ def robot(model: Model) -> str:
     """The robot with the names of its parameters on it."""
     frame = skeletons.skeleton(model, skeletons.rest(model.robot))
     mechanism = model.robot.mechanism
+    lengths = {mechanism.parameters[i].partition(".")[0] for i in mechanism.rod_lengths}
     stems = [name.partition(".")[0] for name in mechanism.parameters]
 
     def flat(points: np.ndarray) -> np.ndarray:
@@ -101,8 +102,8 @@ def robot(model: Model) -> str:
     with drawing(8.6, 6.4) as (figure, out):
         axes: Any = figure.subplots()
         for lines, width, colour in (
-            (frame.rods, 1.4, SERIES[0]), (frame.legs, 2.2, SERIES[0]), (frame.arms, 3.2, INK), (frame.elbows, 2.0, INK),
-            (frame.motors, 5.0, QUIET), (frame.rails, 1.6, QUIET),
+            (frame.rods, 1.4, SERIES[0]), (frame.legs, 2.2, SERIES[0]), (frame.arms, 3.2, INK),
+            (frame.elbows, 2.0, INK), (frame.motors, 5.0, QUIET), (frame.rails, 1.6, QUIET),
         ):  # fmt: skip
             for line in lines:
                 axes.plot(*flat(line).T, color=colour, lw=width, solid_capstyle="round")
@@ -115,7 +116,7 @@ def robot(model: Model) -> str:
                 break
             base, plate = flat(ends[r])
             own = {stems[i] for i in np.atleast_1d(mechanism.actuation.columns[r]) if mechanism.units[i] != "1"}
-            length = [s for s in own if s == f"l{name}"] or [s for s in own if s.startswith("l")]
+            length = sorted(own & lengths)
             ball = sorted(s for s in own - set(length) if s.endswith(name))
             shared = sorted(own - set(length) - set(ball))
             _label(axes, plate, stems[int(mechanism.plate_columns[r, 0])], -6)

@@ -1,0 +1,34 @@
+"""The next command, complete and ready to paste: what every command ends with."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pcalib.cli.frame import say
+
+if TYPE_CHECKING:
+    from pcalib.fitting.result import Fit
+
+
+def say_next(*words: str | Path, why: str = "") -> None:
+    """Print a command of this program with its arguments quoted as a shell needs them."""
+    said = shlex.join(["pcalib", *map(str, words)])
+    say(f"Next: {said}{f'   # {why}' if why else ''}")
+
+
+def after_fit(found: Fit, data: Path, robot: Path, model: Path | None) -> None:
+    """What to do with a fit: keep it, find what it misses, or use it."""
+    if model is None:
+        say_next("fit", data, "--robot", robot, "-o", "model.toml", why="keeps the model")
+    else:
+        after_model(found, data, model)
+
+
+def after_model(found: Fit, data: Path, model: Path) -> None:
+    """What to do with a fitted model: find what it misses, or use it."""
+    if found.accuracy.at_the_noise or found.accuracy.chi2_dof != found.accuracy.chi2_dof:
+        say_next("compensate", "targets.csv", "--model", model, "-o", "commands.csv", why="targets: x_mm,y_mm,z_mm")
+    else:
+        say_next("diagnose", data, "--model", model, why="what the model misses")
