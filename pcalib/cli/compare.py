@@ -36,8 +36,8 @@ def command(
     Args:
         data: Measurement file, CSV or Parquet.
         report: Also write a report, one self-contained HTML file.
-        residuals: Also write a table, CSV or Parquet: one row a pose, each component of its residual in µm and µrad and in
-            units of the noise.
+        residuals: Also write a table, CSV or Parquet: one row a pose, each component of its residual in µm and µrad,
+            and in units of the noise.
         rrd: Also write a recording for the viewer ('pcalib view FILE').
     """
     from pcalib.cli._inputs import read
