@@ -31,7 +31,7 @@ def fit_sections(fit: Fit, data: Measurements) -> list[Section]:
             [
                 Figure(
                     figures.by_row(before, fit.error, data.sigma, data.check),
-                    "Length of each row's residual. In a tracker's frame the robot as drawn is laid onto the measurements.",
+                    "Length of each row's residual. In a tracker's frame the drawn robot is laid onto the readings.",
                     "Residuals of every row before and after the fit, on a logarithmic scale.",
                 )
             ],
