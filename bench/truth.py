@@ -142,7 +142,8 @@ def _robot(given: Any, folder: Path) -> Robot:
                 f"robot file '{given}' does not exist in {folder or '.'}", key="robot",
                 remedy="the path is relative to the truth file",
             )  # fmt: skip
-        return robots.load(path)
+        with files.named_by(folder / "truth", path, "robot"):
+            return robots.load(path)
     if isinstance(given, dict):
         return robots.parse(tomli_w.dumps(given), "[robot]")
     raise InputError("'robot' is missing", remedy='write robot = "delta.toml", or the robot file itself under [robot]')

@@ -195,6 +195,21 @@ def locating(text: str, source: str | Path, remedy: str) -> Iterator[None]:
         raise error.but(file=source, line=line, column=None, remedy=error.remedy or remedy) from None
 
 
+@contextmanager
+def named_by(source: str | Path, named: str | Path, key: str) -> Iterator[None]:
+    """Read a file that another file names; what is wrong in it is told only where it lies beside that other file.
+
+    Otherwise a file from somebody else could bring the content of any file of this machine into a message.
+    """
+    try:
+        yield
+    except InputError as error:
+        if error.file is None or Path(named).resolve().is_relative_to(Path(source).resolve().parent):
+            raise
+        problem, remedy = f"'{key}' names a file that cannot be used", "name a file of the right kind"
+        raise InputError(problem, key=key, remedy=remedy) from None
+
+
 def line_of(text: str, section: str | None, key: str | None) -> int | None:
     """The line on which a TOML key is written; that of its section where the key is absent, None where both are.
 

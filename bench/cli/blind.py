@@ -13,13 +13,13 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption, OutputFolder, SeedOption, WorkersOption
+from pcalib.cli.frame import JsonOption, OutputFolder, SeedOption, WorkersOption, count
 
 
 def command(
     *,
     output: OutputFolder,
-    n: Annotated[int, Parameter(name="-n")] = 20,
+    n: Annotated[int, Parameter(name="-n"), count(10_000)] = 20,
     seed: SeedOption = 0,
     robot: Path | None = None,
     workers: WorkersOption = 1,

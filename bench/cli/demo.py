@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from pcalib.cli._tools import ToolsOption, tool_options
-from pcalib.cli.frame import JsonOption, OutputFolder, SeedOption, quantity
+from pcalib.cli.frame import JsonOption, OutputFolder, SeedOption, count, quantity
 
 
 def command(
@@ -23,7 +23,7 @@ def command(
     tool: ToolsOption = (),
     length_error: Annotated[np.ndarray | None, quantity("length")] = None,
     angle_error: Annotated[np.ndarray | None, quantity("angle")] = None,
-    poses: int = 40,
+    poses: Annotated[int, count(10_000)] = 40,
     spacing: Annotated[np.ndarray | None, quantity("length")] = None,
     seed: SeedOption = 5,
     json: JsonOption = None,
@@ -54,8 +54,6 @@ def command(
 
     begun = time.monotonic()
     described = robots.load(MODELS / "delta.toml" if robot is None else robot)
-    if poses < 1 or seed < 0:
-        raise InputError(f"--poses {poses} --seed {seed}: at least one pose, and no negative seed, please")
     given: dict[str, Any] = {}
     for name, option, value in (
         ("sigma_length", "--length-error", length_error),

@@ -14,7 +14,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from pcalib.cli.frame import JsonOption, Reads, SeedOption, WorkersOption, Writes
+from pcalib.cli.frame import JsonOption, Reads, SeedOption, WorkersOption, Writes, count
 
 
 def sealed(output: Path) -> Path:
@@ -30,8 +30,8 @@ def command(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"]), Writes(beside=sealed)],
     plan: Annotated[str, Reads()] = "random",
-    n: Annotated[int, Parameter(name="-n")] = 40,
-    check: int = 0,
+    n: Annotated[int, Parameter(name="-n"), count()] = 40,
+    check: Annotated[int, count(least=0)] = 0,
     tool: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
     payload: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
     seed: SeedOption = 0,

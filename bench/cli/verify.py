@@ -16,7 +16,7 @@ from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles
 from pcalib.cli._tools import ToolsOption, tool_options
-from pcalib.cli.frame import JsonOption, SeedOption, quantity
+from pcalib.cli.frame import JsonOption, SeedOption, count, quantity
 
 
 def _named(name: str) -> Parameter:
@@ -32,7 +32,7 @@ def command(
     tool: ToolsOption = (),
     targets: Path | None = None,
     method: str = "exact",
-    cycles: int = 30,
+    cycles: Annotated[int, count(100_000)] = 30,
     payload: Annotated[np.ndarray | None, quantity("mass")] = None,
     temperature: Annotated[np.ndarray | None, quantity("temperature")] = None,
     align: bool = False,
@@ -81,9 +81,6 @@ def command(
             raise InputError(f"{name} ≤ {limit * 1e6:g} µm cannot hold", remedy="take a length from 0 on, e.g. 35um")
     if max_failed is not None and max_failed < 0:
         raise InputError(f"--max-failed {max_failed} cannot hold", remedy="take a whole number from 0 on")
-    if cycles < 1 or seed < 0:
-        remedy = "ask for at least one cycle, and a seed from 0 on"
-        raise InputError(f"--cycles {cycles} --seed {seed} make no sense", remedy=remedy)
     calibrated, real = verify.load(model, truth, effect_file)
     tools = tool_options(tool, real.robot)
     load = None if payload is None else float(payload[0])

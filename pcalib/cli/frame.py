@@ -58,31 +58,9 @@ from pcalib.cli._printing import progress, say, show_table
 from pcalib.errors import unknown
 
 __all__ = [
-    "BAD_INPUT",
-    "INTERRUPTED",
-    "NOT_HELD",
-    "OK",
-    "PIPE_CLOSED",
-    "UNFORESEEN",
-    "BesideOption",
-    "JsonOption",
-    "OutputFolder",
-    "OutputOption",
-    "Reads",
-    "RequiredOutput",
-    "RewriteOption",
-    "SeedOption",
-    "WorkersOption",
-    "Writes",
-    "app",
-    "fail",
-    "plain",
-    "progress",
-    "quantity",
-    "run",
-    "say",
-    "script",
-    "show_table",
+    "BAD_INPUT", "INTERRUPTED", "NOT_HELD", "OK", "PIPE_CLOSED", "UNFORESEEN", "BesideOption", "JsonOption",
+    "OutputFolder", "OutputOption", "Reads", "RequiredOutput", "RewriteOption", "SeedOption", "WorkersOption",
+    "Writes", "app", "count", "fail", "plain", "progress", "quantity", "run", "say", "script", "show_table",
     "write_json",
 ]  # fmt: skip
 
@@ -92,8 +70,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SeedOption = Annotated[int, Parameter(validator=Number(gte=0, lt=2**63))]
 WorkersOption = Annotated[int, Parameter(validator=Number(gte=1, lte=1024))]
 
+MOST_ROWS = 10_000_000
+"""Rows that a command makes at most: what a day of computing gives. More is a slip of the keyboard."""
+
+
+def count(most: int = MOST_ROWS, least: int = 1) -> Parameter:
+    """An option that says how many."""
+    return Parameter(validator=Number(gte=least, lte=most))
+
+
 _PLAIN = Parameter(negative=(), show_default=lambda value: None if value in (None, "", ()) else str(value))
 """Of every option: no --no-…, and no default where it is nothing."""
+
 
 def app(name: str, package: str, path: Iterable[str], description: str, examples: str = "") -> App:
     """A program whose commands are the files of `package`, which lies at `path`; none of them is imported."""

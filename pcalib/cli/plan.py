@@ -14,14 +14,24 @@ import numpy as np
 from cyclopts import Parameter
 
 from pcalib.cli._tools import ToolsOption, tool_options
-from pcalib.cli.frame import BesideOption, JsonOption, RequiredOutput, SeedOption, progress, quantity, say, write_json
+from pcalib.cli.frame import (
+    BesideOption,
+    JsonOption,
+    RequiredOutput,
+    SeedOption,
+    count,
+    progress,
+    quantity,
+    say,
+    write_json,
+)
 
 
 def command(
     *,
     robot: Path,
     output: RequiredOutput,
-    n: Annotated[int, Parameter(name=["--poses", "-n"])] = 40,
+    n: Annotated[int, Parameter(name=["--poses", "-n"]), count(10_000)] = 40,
     tool: ToolsOption = (),
     sigma_pos: Annotated[np.ndarray | None, quantity("length")] = None,
     sigma_rot: Annotated[np.ndarray | None, quantity("angle")] = None,
@@ -62,8 +72,6 @@ def command(
     from pcalib.errors import InputError, unknown
     from pcalib.mechanics import kinematics
 
-    if n < 1:
-        raise InputError(f"--poses {n} make no plan", remedy="ask for one at least")
     described = robots.load(robot)
     mechanism = described.mechanism
     if level not in mechanism.levels:

@@ -144,12 +144,12 @@ def test_d_optimal_poses_and_random_ones_to_check(truth_file, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (["--check", "-2"], "-2 rows to check make no sense"),
-        (["--plan", "d-optimal", "-n", "0"], "a plan of 0 rows makes no sense"),
+        (["--check", "-2"], "Must be >= 0"),
+        (["--plan", "d-optimal", "-n", "0"], "Must be >= 1"),
         (["--tool", "0,0mm"], "needs 3 numbers"),
         (["--tool", "0,0,5"], "no unit"),
         (["--plan", "zigzag"], "unknown plan 'zigzag'"),
-        (["-n", "0"], "makes no sense"),
+        (["-n", "0"], "Must be >= 1"),
         (["--workers", "0"], "--workers. Must be >= 1"),
         (["--seed", "-1"], "Must be >= 0"),
         (["-o", "/no/such/folder/data.csv"], "cannot write"),

@@ -106,7 +106,7 @@ def test_bad_input_is_one_message_and_leaves_no_files(tmp_path, capsys):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     for arguments, said in [
-        (["--poses", "0"], "at least one pose"),
+        (["--poses", "0"], "Must be >= 1"),
         (["--poses", "2", "-o", str(tmp_path / "out")], "too few poses"),
         (["--tool", "0,-1mm"], "needs 3 numbers"),
         (["--length-error", "2"], "no unit"),

@@ -196,7 +196,7 @@ def test_bad_input_is_one_message(files, tmp_path, capsys):
     for arguments, said in [
         ([files[0], files[0]], "unknown key"),
         ([files[1], files[1]], "not a model file"),
-        ([*files, "--cycles", "0"], "at least one cycle"),
+        ([*files, "--cycles", "0"], "Must be >= 1"),
         ([*files, "--tool", "300mm"], "needs 3 numbers"),
         ([*files, "--method", "guess"], "unknown method 'guess'"),
         ([*files, "--payload", "-1kg"], "cannot be negative"),

@@ -202,6 +202,7 @@ def command(
     *,
     cases: int = 50_000,
     seed: int = 0,
+    start: int = 0,
     only: int | None = None,
     processes: int = 300,
     quick: Annotated[bool, Parameter(help="1,500 cases, 3 of them as processes.")] = False,
@@ -212,6 +213,7 @@ def command(
     Args:
         cases: How many.
         seed: The same seed gives the same cases.
+        start: Number of the first case, to run the attack in pieces.
         only: Run this case alone, and show it.
         processes: How many of the cases of commands run once more as processes of their own, which must agree.
     """
@@ -226,7 +228,7 @@ def command(
         again: list[tuple[Case, Outcome]] = []
         with contextlib.chdir(folder), frame.progress("attacking", cases) as advance:
             read = readers()
-            for number in range(cases) if only is None else (only,):
+            for number in range(start, start + cases) if only is None else (only,):
                 made = case(number, seed, folder)
                 outcome = attempt(made, read)
                 wrong = outcome.wrong or _changed(folder, good, made)

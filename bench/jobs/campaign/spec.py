@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -173,11 +174,13 @@ def _inlined(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     if isinstance(out.get("geometry"), dict):
         path = _beside(out["geometry"], "geometry", "robots", folder)
         if path:
-            out["geometry"] = {**out["geometry"], "robots": load_listed(path)}
+            with files.named_by(folder / "spec", path, "file"):
+                out["geometry"] = {**out["geometry"], "robots": load_listed(path)}
     if isinstance(out.get("plan"), dict):
         path = _beside(out["plan"], "plan", "listed", folder)
         if path and isinstance(out.get("robot"), dict):
-            made = plans.make(robots.parse(tomli_w.dumps(out["robot"]), "robot"), path)
+            with files.named_by(folder / "spec", path, "file"):
+                made = plans.make(robots.parse(tomli_w.dumps(out["robot"]), "robot"), path)
             out["plan"] = {**out["plan"], "listed": samples.as_lists(made)}
     if isinstance(out.get("sweep"), list):
         out["sweep"] = [
@@ -200,7 +203,9 @@ def _robot(given: Any, folder: Path) -> Any:
             f"robot: {unknown('robot', given, names)}, or the path of a robot file", column="robot",
             remedy="a path is relative to the spec",
         )  # fmt: skip
-    return files.parse_toml(files.read_text(path), path, "see models/delta.toml for the form")
+    with files.named_by(folder / "spec", path, "robot"):
+        text = files.read_text(path)
+        return tomllib.loads(robots.parse(text, path).text)
 
 
 def _beside(table: dict[str, Any], where: str, inlined: str, folder: Path) -> Path | None:

@@ -65,7 +65,7 @@ OPTIONS = {
         "--seed -1": "seed",
     },
     "pcalib plan --robot robot.toml -o new.csv": {
-        "-n 0": "make no plan\n.*one at least",
+        "-n 0": "Must be >= 1",
         "-n many": "unable to convert",
         "--level competle": "did you mean 'complete'",
         "--sigma-pos 0mm": "must be more than 0",
@@ -89,20 +89,20 @@ OPTIONS = {
     },
     "pcalib firmware printer.toml": {"--dialect marlin": "unknown dialect 'marlin'", "-o new.cfg": "say --dialect"},
     "pcbench simulate truth.toml -o new.csv": {
-        "-n 0": "makes no sense",
+        "-n 0": "Must be >= 1",
         "--plan magic": "unknown plan 'magic'; accepted",
         "--payload -1kg": "cannot be negative",
         "--workers 0": "--workers. Must be >= 1",
         "--seed -1": "--seed",
     },
     "pcbench verify m.toml truth.toml": {
-        "--cycles 0": "at least one cycle",
+        "--cycles 0": "--cycles. Must be >= 1",
         "--method magic": "unknown method 'magic'",
         "--payload -1kg": "cannot be negative",
         "--temperature -400degC": "nothing below",
         "--tool 0,0,-90m": "longer than the robot",
     },
-    "pcbench blind -o new": {"-n 0": "make no sense", "--robot printer.toml": "unknown key"},
+    "pcbench blind -o new": {"-n 0": "Must be >= 1", "--robot printer.toml": "unknown key"},
 }  # fmt: skip
 
 

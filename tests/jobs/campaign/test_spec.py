@@ -281,3 +281,17 @@ def test_sweeps_leave_the_spec_as_it_is():
 def test_every_preset_is_a_method_of_the_delta(written):
     text = "".join(f'[[method]]\nname = "{name}"\n' for name in BY_NAME)
     assert len(spec.load(written(HEAD + text)).cell(0).methods) == len(BY_NAME)
+
+
+def test_a_file_elsewhere_that_a_spec_names_is_not_told(tmp_path):
+    """A spec from somebody else must not bring what stands in other files into a message."""
+    (tmp_path / "secret.toml").write_text('password = "tell nobody"\n')
+    (tmp_path / "secret.csv").write_text("password,tell\nnobody,this\n")
+    folder = tmp_path / "specs"
+    folder.mkdir()
+    for text in ('robot = "../secret.toml"', 'robot = "delta"\n[plan]\nfile = "../secret.csv"',
+                 'robot = "delta"\n[geometry]\nfile = "../secret.csv"', 'robot = "/etc/passwd"'):  # fmt: skip
+        (folder / "spec.toml").write_text(f'name = "x"\n{text}\n')
+        with pytest.raises(InputError, match="names a file that cannot be used") as caught:
+            spec.load(folder / "spec.toml")
+        assert not any(word in str(caught.value) for word in ("password", "nobody", "root:"))
