@@ -331,3 +331,15 @@ def test_commands_of_a_platform_go_out_in_revolutions(tmp_path):
     assert list(status) == ["ok", "ok"]
     assert pose.x * 1e3 == pytest.approx(np.array([[10, 20, 460.0], [0, 0, 450]]), abs=1e-9)
     assert np.degrees(rotation.log(pose.R)) == pytest.approx(np.array([[3, -2, 5.0], [0, 0, 0]]), abs=1e-9)
+
+
+@real
+def test_a_platform_whose_leg_zeros_nobody_knows_is_fitted_with_a_warning(tmp_path, capsys):
+    from pcalib.cli import main
+
+    data, robot, model = (str(tmp_path / name) for name in ("d.csv", "r.toml", "m.toml"))
+    assert main(["import", "motion-capture", str(CAPTURE), "-o", data, "--robot-output", robot]) == 0
+    capsys.readouterr()
+    assert main(["fit", data, "--robot", robot, "-o", model]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("Far from the drawing") and Path(model).exists()

@@ -81,10 +81,11 @@ def command(
         crossvalidation.require_folds(measured, folds)
     judged = mixups.judge(measured, described)
     said = mixups.sentence(judged, mixups.compare(measured, described)) if judged.tried else ""
-    if judged.absurd and not far:
-        write_json(json, {"schema": "pcalib.fit/1", "status": "far", "reason": said, "drawing": judged.to_json()})
-        remedy = f"{mixups.remedy(judged)}; if it is meant, fit with --far"
-        raise InputError(said, file=data, remedy=remedy)
+    refused = {"schema": "pcalib.fit/1", "status": "far", "reason": said, "drawing": judged.to_json()}
+    too_far = InputError(said, file=data, remedy=f"{mixups.remedy(judged)}; if it is meant, fit with --far")
+    if judged.absurd and judged.named and not far:
+        write_json(json, refused)
+        raise too_far
     start = Model.nominal(described)
     options: dict[str, Any] = {
         "effects": _effects(effect, measured, described),
@@ -98,6 +99,9 @@ def command(
     content = summary.fit_json(found)
     if found.status != "converged":
         write_json(json, content)
+    elif judged.absurd and not judged.named and not far and not found.accuracy.at_the_noise:
+        write_json(json, refused)  # nothing explains the distance, and the fit does not vouch for it either
+        raise too_far
     calibrated = found.model  # or the reason why there is none
     doubts = trust.doubts(found, measured)
     shares = visibility.visibility(calibrated, measured)

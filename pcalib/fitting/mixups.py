@@ -96,6 +96,11 @@ class Judgement:
         return self.tried and (self.distance is None or not self.distance.near)
 
     @property
+    def named(self) -> bool:
+        """Whether a reading of the columns or a number explains why the data are far."""
+        return bool(self.readings or self.numbers or self.frame)
+
+    @property
     def absurd(self) -> bool:
         """Whether no calibration should be made of them without being asked for: misread, unexplained, or so far."""
         named = min((size for *_, size in self.numbers), default=None)
