@@ -121,6 +121,8 @@ class Judgement:
         return frozenset([code for code, *_ in self.readings] + [code for code, *_ in self.numbers])
 
 
+FEWEST = 4
+"""Different poses below which nothing is judged: a few poses fit any robot that is bent to them."""
 SHOWN = 3
 """Readings that are named where several explain the data alike."""
 
@@ -191,7 +193,7 @@ def judge(data: Measurements, robot: Robot, *, always: bool = False) -> Judgemen
 
 
 def _judge(some: Measurements, robot: Robot, always: bool) -> Judgement:
-    if len(some) < 4:
+    if len(np.unique(np.round(some.q, 9), axis=0)) < FEWEST:
         return Judgement(None)
     here = drawing.distance(some, robot)
     if not (always or _suspicious(here)):

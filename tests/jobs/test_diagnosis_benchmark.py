@@ -174,8 +174,8 @@ def test_every_variant_of_noise_makes_data(variant):
 
 
 def test_lines_count_the_sets_that_were_asked():
-    def outcome(row, variant, **hits):
-        return rows.Outcome(rows.Task(row, variant, 0, 1), 0, "", rows.Said("", hits))
+    def outcome(name, variant, **hits):
+        return rows.Outcome(rows.Task(name, variant, 0, 1), 0, "", rows.Said("", hits))
 
     outcomes = [
         outcome("noise", "white", alarm=True, wrong=False), outcome("noise", "white", alarm=False, wrong=False),
