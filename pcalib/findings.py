@@ -265,13 +265,44 @@ def rotations(data: Measurements) -> Iterator[Finding]:
     ]
     other = float(np.linalg.norm(apart, axis=-1).max())
     sigma = float(np.median(data.sigma[turned, 3]))
-    so = f"by up to {wording.angle(other)} otherwise: if they are, write '# euler = ZYX' (or the order they have)"
+    so = f"by up to {wording.angle(other)}: if they are, write '# euler = ZYX' (or the order they have)"
     if other < sigma:
-        so = f"by {wording.angle(other)} at most otherwise, less than σ, and either reading gives the same fit"
+        so = f"by {wording.angle(other)} at most, less than σ: either reading gives the same fit"
     yield Finding(
         "note", "rotation_vector",
-        f"rx, ry and rz are read as a rotation vector (axis × angle). As Euler angles they would turn the plate {so}.",
+        f"rx, ry and rz are read as a rotation vector (axis × angle). Read as Euler angles, the "
+        f"rotations would differ {so}.",
     )  # fmt: skip
+
+
+_DAY = 86400.0
+_LONGEST = 1e11
+"""[s] three thousand years: more is a clock that counts in another unit, as milliseconds since 1970 are."""
+_EVER = 10 * 365 * _DAY
+"""[s] time between first and last row that no set of measurements takes."""
+
+
+def clock(data: Measurements) -> Iterator[Finding]:
+    """Clocks that jump, and times in another unit."""
+    time = data.columns.get("time")
+    if time is None or len(time) < 2:
+        return
+    if np.abs(time).max() > _LONGEST or np.ptp(time) > _EVER:
+        yield Finding(
+            "warning", "odd_time",
+            f"time spans {np.ptp(time):.3g} s and reaches {np.abs(time).max():.3g} s: is it in milliseconds? Drift and "
+            "thermal effects count in seconds.", "Divide it by 1000, or name its unit (time_s, time_min, time_h).",
+        )  # fmt: skip
+        return
+    back = np.append(False, np.diff(time) < 0)
+    if back.any():
+        worst = float(-np.diff(time).min())
+        midnight = " (a clock that starts anew at midnight?)" if 0.5 * _DAY < worst < 1.5 * _DAY else ""
+        yield Finding(
+            "warning", "clock_jumps",
+            f"time goes back by up to {worst:.4g} s at {_lines(data, back)}{midnight}: effects of time take the rows in "
+            "the order of the clock.", "Write seconds that run on, or rows in the order in which they were measured.",
+        )  # fmt: skip
 
 
 def copies(data: Measurements) -> np.ndarray:

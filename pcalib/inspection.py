@@ -55,6 +55,7 @@ def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
         *findings.noise_level(data, noise),
         *findings.values(data, robot),
         *findings.rotations(data),
+        *findings.clock(data),
     ]
     if nominal is not None and robot is not None:
         found += findings.against_nominal(data, nominal, mixups.judge(data, robot))

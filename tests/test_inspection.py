@@ -98,6 +98,8 @@ FINDINGS = {
     "odd_payload": lambda: good(payload=good().payload * 1000),
     "odd_rotation": lambda: good_with(rotation=rotation.exp(np.tile([0.5, 0, 0], (50, 1)))),
     "unreachable": lambda: replace(good(), q=np.where(np.arange(50)[:, None] == 7, [1.6, -1.6, -1.6], good().q)),
+    "clock_jumps": lambda: good(columns=moved("time", (85800 + 60.0 * np.arange(50)) % 86400)),
+    "odd_time": lambda: good(columns=moved("time", 1.7e12 + 6e4 * np.arange(50))),
     "swapped_columns": lambda: replace(good(), q=good().q[:, [1, 0, 2]]),
     "not_aligned": lambda: good_with(position=good().position + [0.05, 0, 0]),
     "far_rows": lambda: good_with(position=good().position + np.where(np.arange(50)[:, None] == 7, 0.1, 0)),

@@ -67,5 +67,10 @@ def command(
     ok = tally.get("ok", 0)
     others = "".join(f"; {n} {kind.replace('_', ' ')}" for kind, n in tally.items() if kind != "ok")
     say(f"{ok} of {len(wanted)} targets have a command{others}. Written to {output}.")
+    if wanted.payload.any() and not calibrated.effects:
+        say(
+            f"- The targets carry up to {wanted.payload.max():g} kg, and the model has no effect of loads: what they "
+            "bend is not made good. 'pcalib diagnose' on measurements with payloads finds it."
+        )
     write_json(json, {"schema": "pcalib.compensate/1", "method": method, "targets": len(wanted), "status": tally})
     return NOT_HELD if strict and ok < len(wanted) else None

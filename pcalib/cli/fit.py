@@ -66,7 +66,7 @@ def command(
         report: Also write a report, one self-contained HTML file.
         far: Fit data all the same that are misread or very far from the drawing.
     """
-    from pcalib import modelfile, summary
+    from pcalib import findings, modelfile, summary
     from pcalib import robot as robots
     from pcalib.data import measurement
     from pcalib.diagnosis import visibility
@@ -119,6 +119,8 @@ def command(
     if said:
         say(f"{said}. {mixups.remedy(judged)}.")
     show(found)
+    for finding in findings.clock(measured):
+        say(f"- {finding.message} {finding.remedy}")
     for doubt in doubts:
         say(f"- {doubt.sentence()}")
     if shares:

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import (
@@ -37,6 +38,8 @@ def command(
     sigma_rot: Annotated[np.ndarray | None, quantity("angle")] = None,
     position_only: bool = False,
     level: str = "complete",
+    repeat: Annotated[int, Parameter(validator=Number(gte=0))] = 10,
+    check: Annotated[int, Parameter(validator=Number(gte=0))] = 10,
     to_tell: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
     payload: tuple[str, ...] = (),
     temperature: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = (),
@@ -58,6 +61,8 @@ def command(
         sigma_rot: Instrument noise of rotations; 0.005deg when absent.
         position_only: The instrument gives no orientation.
         level: Geometry level that is to be identified.
+        repeat: How many of the poses are measured twice.
+        check: How many further poses are held out (set = check): random ones, which no fit uses.
         to_tell: Choose rows that tell effects apart instead: the named ones, or all that the robot can have. Rows then
             have payloads, directions, replicates and, where named, temperatures; the units of noise that separate every
             pair of effects are printed.
@@ -66,7 +71,7 @@ def command(
         plot: With --to-tell: also draw the matrix of separations, SVG.
         seed: Of the candidate poses.
     """
-    from pcalib import planning, units
+    from pcalib import planning, units, workspace
     from pcalib import robot as robots
     from pcalib.data import table
     from pcalib.errors import InputError, unknown
@@ -108,14 +113,22 @@ def command(
             described, n, tools=tools, measured=[True] * 3 + [not position_only] * 3, level=level, seed=seed, tick=tick,
             sigma_pos=float(noise[0]), sigma_rot=np.radians(0.005) if position_only else float(noise[3]),
         )  # fmt: skip
+    # Rows measured twice verify the noise, and rows held out say how the model does where it was not fitted.
+    again = np.unique(np.linspace(0, n - 1, min(repeat, n)).astype(int)) if repeat else np.zeros(0, int)
+    held = workspace.reachable(described, check, np.random.default_rng([seed, 1])).q if check else q[:0]
+    q, t = np.concatenate([q, q[again], held]), np.concatenate([t, t[again], np.resize(t, (len(held), 3))])
+    ids = np.concatenate([np.arange(n), again, n + np.arange(len(held))]) + 1
+    sets = ["fit"] * (n + len(again)) + ["check"] * len(held)
     point = kinematics.forward(mechanism, mechanism.nominal, q).pose.tcp(t)
     suffix, factor = described.command_unit, units.UNITS[described.command_unit].factor
     columns = {f"{name}_{suffix}": q[:, i] / factor for i, name in enumerate(mechanism.actuators)}
     columns |= {f"tool_{axis}_mm": t[:, i] * 1e3 for i, axis in enumerate("xyz") if tools is not None}
     columns |= {f"nominal_{axis}_mm": point[:, i] * 1e3 for i, axis in enumerate("xyz")}
-    table.write(output, columns, {"robot": described.name})
+    table.write(output, columns | {"pose_id": ids, "set": sets}, {"robot": described.name})
     readings = n * (len(mechanism.plate_dofs) if not position_only else sum(c < 3 for c in mechanism.plate_dofs))
-    say(f"{n} poses written to {output}.")
+    beside = [f"{len(again)} of them twice, which verifies the noise"] if len(again) else []
+    beside += [f"and {len(held)} more to be held out"] if len(held) else []
+    say(", ".join([f"{n} poses", *beside]) + f", written to {output}: {len(q)} rows.")
     unknowns = len(mechanism.levels[level].columns)
     if readings <= unknowns:
         say(f"- Their {readings} readings are few for the {unknowns} parameters of level {level}.")
