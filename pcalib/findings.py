@@ -300,8 +300,8 @@ def clock(data: Measurements) -> Iterator[Finding]:
         midnight = " (a clock that starts anew at midnight?)" if 0.5 * _DAY < worst < 1.5 * _DAY else ""
         yield Finding(
             "warning", "clock_jumps",
-            f"time goes back by up to {worst:.4g} s at {_lines(data, back)}{midnight}: effects of time take the rows in "
-            "the order of the clock.", "Write seconds that run on, or rows in the order in which they were measured.",
+            f"time goes back by up to {worst:.4g} s at {_lines(data, back)}{midnight}: effects of time take the rows "
+            "in the order of the clock.", "Write seconds that run on, or rows in the order of measuring.",
         )  # fmt: skip
 
 

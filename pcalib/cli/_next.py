@@ -13,15 +13,21 @@ if TYPE_CHECKING:
 
 
 def say_next(*words: str | Path, why: str = "") -> None:
-    """Print a command of this program with its arguments quoted as a shell needs them."""
+    """Print a command of this program with its arguments quoted as a shell needs them; it is never wrapped.
+
+    Args:
+        why: what it does, or what it needs.
+    """
     said = shlex.join(["pcalib", *map(str, words)])
-    say(f"Next: {said}{f'   # {why}' if why else ''}")
+    if why:
+        say(f"Next, {why}:")
+    print(f"Next: {said}" if not why else f"  {said}")
 
 
 def after_fit(found: Fit, data: Path, robot: Path, model: Path | None) -> None:
     """What to do with a fit: keep it, find what it misses, or use it."""
     if model is None:
-        say_next("fit", data, "--robot", robot, "-o", "model.toml", why="keeps the model")
+        say_next("fit", data, "--robot", robot, "-o", "model.toml", why="to keep the model")
     else:
         after_model(found, data, model)
 
@@ -29,6 +35,12 @@ def after_fit(found: Fit, data: Path, robot: Path, model: Path | None) -> None:
 def after_model(found: Fit, data: Path, model: Path) -> None:
     """What to do with a fitted model: find what it misses, or use it."""
     if found.accuracy.at_the_noise or found.accuracy.chi2_dof != found.accuracy.chi2_dof:
-        say_next("compensate", "targets.csv", "--model", model, "-o", "commands.csv", why="targets: x_mm,y_mm,z_mm")
+        to_compensate(model)
     else:
-        say_next("diagnose", data, "--model", model, why="what the model misses")
+        say_next("diagnose", data, "--model", model, why="to find what the model misses")
+
+
+def to_compensate(model: Path) -> None:
+    """How to use a model that explains its data."""
+    why = "with a file of targets (x_mm,y_mm,z_mm)"
+    say_next("compensate", "targets.csv", "--model", model, "-o", "commands.csv", why=why)

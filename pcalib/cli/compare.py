@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli._next import say_next
+from pcalib.cli._next import say_next, to_compensate
 from pcalib.cli.frame import BesideOption, JsonOption, say, show_table, write_json
 
 if TYPE_CHECKING:
@@ -101,9 +101,9 @@ def command(
     if residuals is not None:
         say(f"Residuals written to {residuals}.")
     if hot:
-        say_next("diagnose", data, "--model", model, why="names what may be missing")
+        say_next("diagnose", data, "--model", model, why="to find what the model misses")
     else:
-        say_next("compensate", "targets.csv", "--model", model, "-o", "commands.csv", why="targets: x_mm,y_mm,z_mm")
+        to_compensate(model)
     return None
 
 

@@ -64,7 +64,7 @@ def command(
     if report is not None:
         say(f"Report written to {report}.")
     if found.finding.adequate:
-        say_next("add", effect, data, "--model", model, why="refit with it")
+        say_next("add", effect, data, "--model", model, why="to refit with it")
     else:
-        say_next("diagnose", data, "--model", model, why="what else may be missing")
+        say_next("diagnose", data, "--model", model, why="to find what else may be missing")
     return None

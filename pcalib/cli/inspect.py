@@ -46,7 +46,7 @@ def command(data: Path, /, *, robot: Path | None = None, json: JsonOption = None
         first = result.errors[0]
         return frame.fail(f"{data}: {first.message}\n  {first.remedy}")
     if robot is None:
-        say_next("inspect", data, "--robot", "robot.toml", why="judges the values too")
+        say_next("inspect", data, "--robot", "robot.toml", why="to judge the values too")
     else:
         say_next("fit", data, "--robot", robot, "-o", "model.toml")
     return frame.OK

@@ -13,9 +13,8 @@ CASE = Path(__file__).resolve().parents[1] / "cases" / "own_delta"
 
 
 def following(out: str) -> list[str]:
-    """The words of the last 'Next:' line."""
-    lines = [line for line in out.splitlines() if line.startswith("Next: ")]
-    return shlex.split(lines[-1].removeprefix("Next: "), comments=True)
+    """The words of the last line, which is the next command."""
+    return shlex.split(out.splitlines()[-1].removeprefix("Next: "))
 
 
 @pytest.fixture(scope="module")
