@@ -12,6 +12,7 @@ Workspace and joint range are those of the plate of the *nominal* robot, solved 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -89,7 +90,7 @@ def make(
     """
     if str(name) not in NAMES:
         path = Path(name)
-        if not path.suffix and not path.exists():
+        if not path.suffix and not os.path.exists(path):
             raise InputError(unknown("plan", str(name), [*NAMES, OPTIMAL, "a CSV or Parquet file"]))
         sensible(1, check)
         plan = _of_file(robot, path, tools, payloads)

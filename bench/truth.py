@@ -6,6 +6,7 @@ error by its value, so that nothing has to be drawn again.
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -137,7 +138,7 @@ def _from_table(table: Mapping[str, Any], folder: Path) -> Truth:
 def _robot(given: Any, folder: Path) -> Robot:
     if isinstance(given, str):
         path = Path(given) if Path(given).is_absolute() else folder / given
-        if not path.exists():
+        if not os.path.exists(path):  # which says no to a name that no file can have
             raise InputError(
                 f"robot file '{given}' does not exist in {folder or '.'}", key="robot",
                 remedy="the path is relative to the truth file",

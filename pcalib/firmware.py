@@ -74,21 +74,21 @@ class Configuration:
 
     arms: ThreeArms
     rms: float
-    """[m] distance between three-arm and calibrated model over the workspace,"""
+    """[m] RMS distance between the three-arm model and the calibrated one over the workspace."""
     largest: float
-    """[m] its maximum,"""
+    """[m] Largest distance between the two models."""
     rms_z: float
-    """[m] and its vertical part."""
+    """[m] RMS of the vertical part of the distance."""
     tilt: float
-    """[rad] largest tilt of the plate, which a three-arm model does not know."""
+    """[rad] Largest tilt of the plate, which a three-arm model does not know."""
     level: str
-    """What was calibrated."""
+    """Geometry level of the calibrated model."""
     bed_radius: float
-    """[m]."""
+    """[m] Radius of the workspace, which the firmware takes for that of the bed."""
     effects: tuple[str, ...] = ()
     """Effects of the calibrated model."""
     unknown: Mapping[str, float] = field(default_factory=dict)
-    """[m] by how much conditions that a firmware does not know move the nozzle at most."""
+    """[m] Condition that a firmware does not know → largest shift of the nozzle by it."""
 
     def klipper(self) -> str:
         """The changed values of a printer.cfg."""
@@ -249,7 +249,7 @@ def _nozzle(model: Model, q: np.ndarray, conditions: Conditions) -> tuple[Predic
 
 
 def _unknown(model: Model, q: np.ndarray, x: np.ndarray) -> dict[str, float]:
-    """[m] by how much conditions that a firmware does not know move the nozzles x (N, 3) at most, where they do."""
+    """[m] Condition that a firmware does not know → largest shift of the nozzles x (N, 3), where there is one."""
     if not model.effects:
         return {}
     usual = _conditions(model, 1)

@@ -2,6 +2,7 @@
 
 import os
 import stat
+import tracemalloc
 
 import pytest
 
@@ -99,3 +100,36 @@ def test_a_folder_that_is_there_keeps_what_is_not_written_anew(tmp_path):
     for blocked in (tmp_path / "mine", tmp_path / "mine" / "below"):
         with pytest.raises(InputError, match="mine is a file"), files.atomic_folder(blocked):
             raise AssertionError("nothing is begun")
+
+
+@pytest.mark.parametrize(
+    "text", ["a." * 20_000 + "a = 1", "a = " + "{b = " * 200 + "1" + "}" * 200, "a = " + "9" * 5000]
+)
+def test_bombs_of_toml_are_refused_within_little_memory(text):
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"f\.toml(:1)?: .*(64 parts|64 deep|nested too deep|thousands of digits)"):
+        files.parse_toml(text, "f.toml", "see the docs")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 30e6
+
+
+def test_long_texts_and_rows_of_numbers_are_no_dotted_keys():
+    text = 'a = "' + "x.y " * 500 + '"\n' + "b = [" + "1.5, " * 500 + "]\n" + "# " + "-" * 100_000
+    assert len(files.parse_toml(text, "f.toml", "")["b"]) == 500
+
+
+def test_the_line_of_a_key():
+    text = 'a = 1\n[x]\na_mm = 2\n[[m]]\nname = 1\n[[m]]\nname = 2\n[f]\nhose = {k = 1}\n'
+    asked = [(None, "a"), ("x", "a"), ("m[2]", "name"), ("f.hose", "k"), ("x", None), ("spec", "a"), (None, None)]
+    assert [files.line_of(text, *of) for of in asked] == [1, 3, 7, 9, 2, 1, None]
+
+
+def test_the_shape_of_json():
+    shape = {"a": [str], "b": (float, None), "c": {"*": float}}
+    files.require_shape({"a": ["x"], "b": None, "c": {"k": 1}, "more": 0}, shape, "f", "")
+    for value, said in (({"a": [1], "b": 1, "c": {}}, r"'a\[0\]' must be text"), ({"a": [], "c": {}}, "'b' is missing"),
+                        ({"a": [], "b": True, "c": {}}, "'b' must be a finite"), ([], "the file must be an object"),
+                        ({"a": [], "b": 1, "c": {"k": None}}, r"'c\.k' must be a finite number")):  # fmt: skip
+        with pytest.raises(InputError, match=said):
+            files.require_shape(value, shape, "f", "")

@@ -51,7 +51,7 @@ def command(
         check: Further rows, marked as held out: of the same plan, or random ones after d-optimal or a file's.
         tool: Measured point in the plate frame, e.g. 0,0,-300mm; may be given several times.
         payload: Mass at the tool, e.g. 1kg; may be given several times.
-        seed: Of plan and noise: the same seed gives the same bytes.
+        seed: Seed of plan and noise: the same seed gives the same bytes.
         workers: Processes that share the work.
     """
     import numpy as np

@@ -60,7 +60,7 @@ def command(
         method: exact (inverse of the complete model) or first-order (the paper's).
         cycles: How often every target is approached.
         payload: Mass at the TCP.
-        temperature: Of the whole robot; 20degC when absent.
+        temperature: Temperature of the whole robot; 20degC when absent.
         align: Take out the rigid motion between targets and landings first, for models from an unknown frame.
         max_rms: Largest RMS that is accepted, per tool, e.g. 35um.
         max_error: Largest error that is accepted.
@@ -68,7 +68,7 @@ def command(
         max_rp: Largest RP of a target that is accepted.
         max_failed: How many targets of all tools may be refused or not reached in some cycle; 0 where another --max is
             given.
-        seed: Of approach directions and of the drives' repeatability.
+        seed: Seed of the approach directions and of the drives' repeatability.
     """
     from bench.jobs import verify, verify_report
     from pcalib.cli import frame

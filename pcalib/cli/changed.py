@@ -49,7 +49,7 @@ def command(
         update: Fit the part that changed to the new session and hold the rest; writes the model to --output.
         output: With --update: the new model file.
         chart: Also write a chart of every part over the sessions, one self-contained HTML page.
-        seed: Of the Monte-Carlo draws that fix what counts as significant.
+        seed: Seed of the Monte-Carlo draws that set the limits of significance.
     """
     from pcalib import modelfile
     from pcalib.changes import telling

@@ -39,7 +39,7 @@ def command(
         data: Measurement file, CSV or Parquet.
         most: Most effects in one explanation.
         report: Also write a report, one self-contained HTML file.
-        seed: Of the Monte-Carlo draws that fix what counts as significant.
+        seed: Seed of the Monte-Carlo draws that set the limits of significance.
     """
     from pcalib.cli._inputs import read
     from pcalib.diagnosis import results

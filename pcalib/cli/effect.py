@@ -20,7 +20,7 @@ def command(what: str, name: str = "", /, *, robot: Path | None = None, json: Js
 
     Args:
         what: list, new or check.
-        name: Of the new effect, or file.py:Class to check.
+        name: Name of the new effect, or file.py:Class of the effect to check.
         robot: Robot file (TOML) to try it on.
     """
     from pcalib import effects, files, units

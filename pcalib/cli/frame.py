@@ -18,8 +18,10 @@ A command is one file in the folder of its program (`pcalib/cli/`, `bench/cli/`)
         '''
 
 The file's name is the command's (`_` becomes `-`), its docstring is the line in the list followed by examples, and
-`command` returns the exit code, None for 0. The file is imported only when its command runs, and should itself
-import what is heavy inside `command`. Files that start with `_`, and this one, are no commands.
+`command` returns the exit code, None for 0. A parameter of type `Path` is a file that is read; one with
+:class:`~pcalib.cli._places.Writes` in its annotation, as the options below have it, is written. The file is imported
+only when its command runs, and should itself import what is heavy inside `command`. Files that start with `_`, and
+this one, are no commands.
 """
 
 from __future__ import annotations

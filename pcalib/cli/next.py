@@ -44,7 +44,7 @@ def command(
         output: Plan to write, CSV: to be measured, or given to 'pcbench simulate --plan'.
         payload: A mass at hand, e.g. 2kg; may be given several times. Those of the data when absent.
         tool: A tool at hand, e.g. 0,0,-300mm; may be given several times. Those of the data when absent.
-        seed: Of the poses to choose from.
+        seed: Seed of the draw of candidate poses.
     """
     from pcalib import units
     from pcalib.cli._inputs import read

@@ -69,7 +69,7 @@ def command(
         payload: With --to-tell: a mass at hand, e.g. 2kg; may be given several times. 0, 1 and 2 kg when absent.
         temperature: With --to-tell: a temperature at hand, e.g. 28degC; may be given several times.
         plot: With --to-tell: also draw the matrix of separations, SVG.
-        seed: Of the candidate poses.
+        seed: Seed of the draw of candidate poses.
     """
     from pcalib import planning, units, workspace
     from pcalib import robot as robots

@@ -34,7 +34,7 @@ def command(
     Args:
         data: Measurement file, CSV or Parquet.
         output: Folder for the laws, one Python file each, which 'pcalib add' takes like an effect of your own.
-        seed: Of the Monte-Carlo draws that fix what counts as significant.
+        seed: Seed of the Monte-Carlo draws that set the limits of significance.
     """
     from pcalib.cli._inputs import read
     from pcalib.diagnosis.problem import problem

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -198,7 +199,7 @@ def _robot(given: Any, folder: Path) -> Any:
         raise InputError(f"'robot' must be the name of a robot file, not {given!r}", column="robot")
     names = sorted(path.stem for path in MODELS.glob("*.toml"))
     path = MODELS / f"{given}.toml" if given in names else folder / given
-    if not path.is_file():
+    if not os.path.isfile(path):  # which says no to a name that no file can have
         raise InputError(
             f"robot: {unknown('robot', given, names)}, or the path of a robot file", column="robot",
             remedy="a path is relative to the spec",
@@ -215,7 +216,7 @@ def _beside(table: dict[str, Any], where: str, inlined: str, folder: Path) -> Pa
     name = table.get("file")
     if name is None:
         return None
-    if not isinstance(name, str) or not (folder / name).is_file():
+    if not isinstance(name, str) or not os.path.isfile(folder / name):
         raise InputError(f"[{where}] file {name!r} does not exist beside the spec", column="file")
     return folder / name
 
