@@ -40,18 +40,9 @@ class Score:
         return {
             "schema": "pcbench.score/1",
             "sets": [
-                {
-                    "data": f"{name}.csv",
-                    "design": design,
-                    "kind": g.facts.kind,
-                    "truth": list(g.facts.effects or g.facts.faults),
-                    "s": g.facts.size,
-                    "s_outside": g.facts.distance,
-                    "verdict": g.answer.verdict,
-                    "established": list(g.answer.established),
-                    "adequate": [list(names) for names in g.answer.adequate],
-                    "grade": g.words,
-                }
+                {"data": f"{name}.csv", "design": design}
+                | g.to_json()
+                | {"truth": list(g.facts.effects or g.facts.faults)}
                 for name, design, g in zip(self.names, self.designs, self.grades, strict=True)
             ],
             "grades": dict(Counter(g.words for g in self.grades)),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
 
 from bench.jobs.diagnosis_benchmark.rows import Set, Task
+from bench.jobs.hidden.catalogue import CATALOGUE
 from bench.jobs.hidden.design import DESIGNS, Design
 from bench.jobs.hidden.stage import Stage
 from bench.kinds import MODELS
@@ -39,6 +40,19 @@ def nothing(task: Task, rng: np.random.Generator) -> Iterator[Set]:
     there = stage(DESIGNS["rich"], kind, rng)
     for _ in range(task.sets):
         yield Set(there.robot, there.measure((), there.reference, int(rng.integers(2**31))), f"{kind}, nothing")
+
+
+def one_fault(
+    names: Sequence[str], design: Design, sizes: tuple[float, float], rng: np.random.Generator
+) -> Set:
+    """Return a set of a random Delta with one fault of the catalogue, of a visible size in a range (log-uniform)."""
+    there = stage(design, "delta", rng)
+    usable = [CATALOGUE[name] for name in names if not CATALOGUE[name].companion and not CATALOGUE[name].bar]
+    what = usable[rng.integers(len(usable))]
+    fault = what.draw(there.robot, rng, uneven=bool(rng.random() < 0.3))
+    sized = there.scaled(fault, float(np.exp(rng.uniform(*np.log(sizes)))), what.effect)
+    data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
+    return Set(there.robot, data, f"{what.name}, s {sized.size:.1f}")
 
 
 def held_out(model: Model, data: Measurements, sigma_pos: float, good: np.ndarray | None = None) -> float:

@@ -7,26 +7,22 @@ from collections.abc import Iterator
 import numpy as np
 
 from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
-from bench.jobs.diagnosis_benchmark.rows._shared import in_words, nothing, stage
-from bench.jobs.hidden.catalogue import CATALOGUE, LISTED
+from bench.jobs.diagnosis_benchmark.rows._shared import in_words, nothing, one_fault
+from bench.jobs.hidden.catalogue import LISTED
 from bench.jobs.hidden.design import DESIGNS
 from pcalib.diagnosis import steps
+from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.evidence import evidence
 from pcalib.errors import EffectError
 
 SIZES = (4.0, 20.0)
+"""Range of visible sizes [noise units]."""
 
 
 def _hidden(task: Task, rng: np.random.Generator) -> Iterator[Set]:
     """Yield sets with a listed fault of some size."""
-    usable = [CATALOGUE[n] for n in LISTED if not CATALOGUE[n].companion and not CATALOGUE[n].bar]
     for _ in range(task.sets):
-        there = stage(DESIGNS["rich" if rng.random() < 0.6 else "rich-position"], "delta", rng)
-        what = usable[rng.integers(len(usable))]
-        fault = what.draw(there.robot, rng, uneven=bool(rng.random() < 0.3))
-        sized = there.scaled(fault, float(np.exp(rng.uniform(*np.log(SIZES)))), what.effect)
-        data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
-        yield Set(there.robot, data, f"{what.name}, s {sized.size:.1f}")
+        yield one_fault(LISTED, DESIGNS["rich" if rng.random() < 0.6 else "rich-position"], SIZES, rng)
 
 
 def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
@@ -35,8 +31,6 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 def contradictions(made: Set) -> tuple[str, list[str]]:
     """Return what is said, and each statement of one command that another denies."""
-    from pcalib.diagnosis.diagnose import diagnose
-
     found = diagnose(made.model, made.data)
     named = found.sets[0].specs if found.verdict == "established" and len(found.sets[0].specs) == 1 else ()
     asked = named or [f.candidate.spec for f in found.findings if f.why is None][:1]

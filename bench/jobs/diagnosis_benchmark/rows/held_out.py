@@ -11,7 +11,7 @@ from bench import faults
 from bench import truth as truths
 from bench.commands import Commands
 from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
-from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, held_out, in_words, stage
+from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, held_out, in_words, one_fault, stage
 from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.catalogue import CATALOGUE
 from bench.jobs.hidden.design import DESIGNS
@@ -19,6 +19,8 @@ from bench.jobs.hidden.stage import SIGMA_ANGLE, SIGMA_LENGTH, Stage
 from pcalib.diagnosis.diagnose import diagnose
 
 RICH = DESIGNS["rich"]
+SIZES = (20.0, 80.0)
+"""Range of visible sizes [noise units] of misfits."""
 LOUD = 1.5
 """Times the noise from which held-out rows have to be heard."""
 CONDITIONS = {
@@ -78,14 +80,8 @@ def _elsewhere(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 def _misfits(task: Task, rng: np.random.Generator) -> Iterator[Set]:
     """Yield sets with listed and unlisted faults that can be seen."""
-    usable = [h for h in CATALOGUE.values() if not h.companion and not h.bar]
     for _ in range(task.sets):
-        there = stage(RICH, "delta", rng)
-        what = usable[rng.integers(len(usable))]
-        fault = what.draw(there.robot, rng, uneven=True)
-        sized = there.scaled(fault, float(np.exp(rng.uniform(np.log(20.0), np.log(80.0)))), what.effect)
-        data = there.measure([sized.fault], there.land([sized.fault]), int(rng.integers(2**31)))
-        yield Set(there.robot, data, f"{what.name}, s {sized.size:.0f}")
+        yield one_fault(list(CATALOGUE), RICH, SIZES, rng)
 
 
 MAKERS: Mapping[str, Callable[[Task, np.random.Generator], Iterator[Set]]] = {
