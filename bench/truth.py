@@ -194,7 +194,7 @@ def listed_errors(robot: Robot, listed: Any) -> np.ndarray:
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """`p1.x_mm = 0.1` without quotes is a table in TOML: back to one key."""
+    """Nested tables as dotted keys again: TOML reads `p1.x_mm = 0.1` without quotes as a table."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{prefix}{key}.")

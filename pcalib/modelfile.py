@@ -27,7 +27,7 @@ _AGAIN = "the file is damaged or was edited: write it anew with 'pcalib fit … 
 _LARGEST = 1e100
 """Numbers beyond this are no numbers of a robot, and overflow when they are squared, whatever their unit."""
 _CHOICES = {"method": METHODS, "loss": LOSSES}
-"""How a fit can be made, the default first."""
+"""Accepted values of the options of a fit; the first is the default."""
 _EDGE = {"m": ("mm", 1e-3), "rad": ("deg", np.pi / 180), "1": ("", 1.0)}
 _PARAMETER = {
     unit: (
@@ -185,7 +185,7 @@ def restore(model: Model, entry: Mapping[str, Any], effect_files: Sequence[str] 
 
 
 def _options_table(options: FitOptions) -> dict[str, Any]:
-    """What differs from the defaults."""
+    """The options that differ from the defaults."""
     out = {name: value for name in _CHOICES if (value := getattr(options, name)) != _CHOICES[name][0]}
     for name, value in (("fixed", list(options.fixed)), ("bounds_si", options.bounds), ("prior_si", options.prior)):
         if value:
@@ -330,7 +330,7 @@ def _vector(table: Mapping[str, Any], key: str, n: int, where: str) -> np.ndarra
 
 
 def _plain(value: Any) -> Any:
-    """Numpy scalars and arrays as what TOML knows; None entries dropped."""
+    """A value in types of TOML: NumPy arrays as lists, without entries that are None."""
     if isinstance(value, Mapping):
         return {k: _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, (list, tuple)):

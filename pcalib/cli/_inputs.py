@@ -17,7 +17,7 @@ ModelOption = Annotated[Path, Parameter(name=["--model", "-m"], help="Model file
 
 
 def own_effects(_: Any, specs: tuple[str, ...]) -> None:
-    """Refuse what names no file: effects of the library need not be named."""
+    """Refuse a spec without a file: effects of the library are known without being named."""
     for spec in specs:
         if ".py" not in spec:
             raise InputError(

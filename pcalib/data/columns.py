@@ -21,7 +21,7 @@ POSITION = {"x": "length", "y": "length", "z": "length"}
 ROTATION = {"rx": "angle", "ry": "angle", "rz": "angle"}
 TOOL = {"tool_x": "length", "tool_y": "length", "tool_z": "length"}
 SMALLEST_SIGMA = 1e-15
-"""[m, rad] a standard deviation below this is none: weights would overflow."""
+"""[m, rad] Smallest standard deviation that is accepted; below it, weights overflow."""
 TEMPERATURES = ("temp_arms", "temp_rods", "temp_base")
 CONDITIONS = {
     **TOOL,
@@ -59,7 +59,7 @@ class Columns:
 
 
 def assign(table: Table, wanted: Mapping[str, str], plain: Iterable[str], actuators: int) -> Columns:
-    """Tell the columns of known quantities from the user's own.
+    """Separate the columns of known quantities from the user's own columns.
 
     Args:
         wanted: quantity → dimension, for columns that carry a unit.
@@ -109,7 +109,7 @@ def actuators(table: Table, robot: Robot | None) -> tuple[tuple[str, ...], str]:
 
 
 def require(columns: Columns, wanted: Mapping[str, str], why: str) -> None:
-    """That every wanted quantity has a column.
+    """Check that every wanted quantity has a column.
 
     Raises:
         InputError: one has none; names the accepted spellings.

@@ -1,4 +1,4 @@
-"""Target files, poses that the TCP is wanted at, and command files, what to tell the controller to get there."""
+"""Target files (poses at which the TCP is wanted) and command files (actuator values that bring it there)."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ def test_types(tmp_path):
 
 
 def test_a_bomb_is_refused_before_it_unpacks(tmp_path):
-    """A constant column of 1e8 rows is a file of some kilobytes, and a gigabyte when it is read."""
+    """A constant column of 6e7 rows is a file of some kilobytes, and half a gigabyte when it is read."""
     path = tmp_path / "a.parquet"
     with pq.ParquetWriter(path, pa.schema([("x_mm", pa.float64())])) as out:
         zeros = pa.table({"x_mm": np.zeros(10_000_000)})
