@@ -162,3 +162,27 @@ def test_rods_that_hang_between_the_ends_of_their_play(delta):
     back = compensation.compensate(model, p.position, tool, limits=False)
     assert (back.status[p.status == "not_converged"] == "not_converged").all()
     assert np.isnan(back.q[back.status != "ok"]).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_forward_kinematics_agree(machine, perturb, fresh, seed):
+    k = perturb(200 + seed, 0.5, 0.2)
+    machine.become(k)
+    pose = kinematics.forward(machine.robot.mechanism, k, fresh.q).pose
+    landing = machine.land(fresh.q)
+    assert landing.ok.all()
+    assert np.abs(landing.x - pose.x).max() < 1e-11
+    assert np.abs(rotation.log(landing.R @ np.swapaxes(pose.R, -1, -2))).max() < 1e-10
+
+
+def test_rod_bodies_agree_too(delta, perturb, fresh):
+    """The other model of the bench: rods as bodies with joints."""
+    k = perturb(211, 0.5, 0.2)
+    tool = TOOLS[3]
+    commands = compensation.compensate(
+        Model.nominal(delta).with_geometry(k), fresh.pose.x[:30] + tool, tool, limits=False
+    )
+    landing = Machine(delta, k, variant="rods").land(commands.q, tool)
+    reached = landing.ok
+    assert reached.sum() > 20
+    assert np.abs(landing.tcp - fresh.pose.x[:30] - tool)[reached].max() < 1e-12

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pcalib import effects, planning, prediction, rotation
 from pcalib import kinds as robot_kinds
@@ -313,3 +315,56 @@ def test_singular_poses_raise_nothing_and_stay_alone(delta):
     assert again.ok[[0, 2]].all()
     S_regular = kinematics.sensitivity(mechanism, k, q[[0, 2]], pose.take(np.array([0, 2])))
     assert np.abs(S[[0, 2]] - S_regular).max() < 1e-9
+
+
+@pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS)
+def test_jacobians_of_the_closure(delta, perturb, q, tool):
+    mechanism, k = delta.mechanism, perturb(0, 0.5, 0.2)
+    pose = kinematics.forward(mechanism, k, q).pose
+    at = kinematics.closure(mechanism, k, q, pose, tool)
+
+    def turned(step):
+        # The definition of a twist at the TCP, written out: the TCP goes by v, and the plate turns by ω about it.
+        R = rotation.exp(step[3:]) @ pose.R
+        return kinematics.closure(mechanism, k, q, Pose(pose.tcp(tool) + step[:3] - R @ tool, R, pose.phi)).f
+
+    assert relative(kinematics.jacobian_state(mechanism, at, pose), central(turned, 6, 1e-4)) < 1e-7
+    Jq = kinematics.jacobian_actuators(mechanism, at)
+    assert relative(Jq, central(lambda s: kinematics.closure(mechanism, k, q + s, pose).f, 3, 1e-4)) < 1e-7
+    Jk = kinematics.jacobian_parameters(mechanism, k, q, at, pose)
+    assert relative(Jk, central(lambda s: kinematics.closure(mechanism, k + s, q, pose).f, 60, 1e-4)) < 1e-7
+
+
+@pytest.mark.parametrize("tool", TOOLS.values(), ids=TOOLS)
+def test_sensitivity_of_the_tcp(delta, perturb, q, tool):
+    mechanism, k = delta.mechanism, perturb(1, 0.5, 0.2)
+    pose = kinematics.forward(mechanism, k, q).pose
+
+    def reading(step):
+        there = kinematics.forward(mechanism, k + step, q, pose, tolerance=1e-15, max_iterations=5).pose
+        return np.hstack([there.tcp(tool), rotation.log(there.R @ np.swapaxes(pose.R, -1, -2))])
+
+    S, numeric = kinematics.sensitivity(mechanism, k, q, pose, tool), central(reading, 60, 2e-5)
+    assert relative(S[:, :3], numeric[:, :3]) < 1e-7
+    assert relative(S[:, 3:], numeric[:, 3:]) < 1e-7
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.0, 0.1, 0.5, 2.0]),
+    st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(-0.4, 0.1)),
+)
+def test_inverse_undoes_forward(delta, seed, size, tool):
+    mechanism = delta.mechanism
+    rng = np.random.default_rng(seed)
+    k = mechanism.nominal + size * 1e-3 * rng.standard_normal(60)
+    q = planning.reachable(delta, 6, rng).q
+    there = kinematics.forward(mechanism, k, q, tolerance=1e-14, max_iterations=12)
+    back = kinematics.inverse(mechanism, k, there.pose.tcp(np.array(tool)), tool=np.array(tool))
+    assert there.ok.all() and back.ok.all()
+    for R in (there.pose.R, back.pose.R):
+        assert np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() < 1e-12
+    assert np.abs(back.q - q).max() < 1e-11
+    assert np.abs(back.pose.x - there.pose.x).max() < 1e-11
+    assert np.abs(back.pose.R - there.pose.R).max() < 1e-11
