@@ -39,6 +39,19 @@ class Noise:
         whole = self.covariance
         return Noise(self.measured[rows], self.sigma[rows], None if whole is None else whole[rows])
 
+    def at(self, rows: np.ndarray, other: Noise) -> Noise:
+        """The noise with that of some rows, a mask (N,), replaced by `other`, which is of these rows."""
+        sigma, measured = self.sigma.copy(), self.measured.copy()
+        sigma[rows], measured[rows] = other.sigma, other.measured
+        if self.covariance is None and other.covariance is None:
+            return Noise(measured, sigma)
+        whole = self._full().copy()
+        whole[rows] = other._full()
+        return Noise(measured, sigma, whole)
+
+    def _full(self) -> np.ndarray:
+        return self.sigma[:, :, None] ** 2 * np.eye(6) if self.covariance is None else self.covariance
+
     def scaled(self, ratio: np.ndarray) -> Noise:
         """The noise with σ of positions and of rotations multiplied by `ratio` (2,); correlations stay."""
         each = np.repeat(ratio, 3)
@@ -51,10 +64,7 @@ class Noise:
         Args:
             response: G (N, 6, nq), derivative of the readings by the position of every actuator.
         """
-        whole = self.covariance
-        if whole is None:
-            whole = self.sigma[:, :, None] ** 2 * np.eye(6)
-        whole = whole + sigma_q**2 * response @ np.swapaxes(response, -1, -2)
+        whole = self._full() + sigma_q**2 * response @ np.swapaxes(response, -1, -2)
         return replace(self, sigma=np.sqrt(np.diagonal(whole, axis1=1, axis2=2)), covariance=whole)
 
     @cached_property

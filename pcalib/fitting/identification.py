@@ -34,6 +34,7 @@ from pcalib.fitting.minimisation import State, Task, minimise
 from pcalib.fitting.result import Accuracy as Accuracy
 from pcalib.fitting.result import Fit as Fit
 from pcalib.fitting.result import accuracy, explained
+from pcalib.fitting.scatter import NOT_SCALED, Repeated, Scale, scale, with_joints, with_repeated
 from pcalib.fitting.sufficiency import require_enough, require_order, require_reach, require_rows
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.fitting.warnings import cautions
@@ -102,7 +103,8 @@ def fit(
     require_reach(at[1], used)
     require_order(at[0], used, model.robot)
     expected = require_enough(model, used, unknowns)
-    task = Task(used, Noise.of(used), unknowns, np.arange(len(unknowns.names)), loss, prior_scale, max_iterations)
+    noise, repeated = with_joints(used, model, at[1].pose)
+    task = Task(used, noise, unknowns, np.arange(len(unknowns.names)), loss, prior_scale, max_iterations)
     seen = None
     if method != "map":
         nominal = replace(Model.nominal(model.robot), effects=model.effects, frame=model.frame)
@@ -111,7 +113,7 @@ def fit(
         chosen = np.array([i for i, name in enumerate(unknowns.names) if name in seen.base + beside], int)
         task = replace(task, chosen=chosen, prior_scale=1.0, max_iterations=1 if method == "linear" else max_iterations)
     state = minimise(task, model, at)
-    return _conclude(task, state, data, seen or _seen(state.begun.plain[:, :-1], unknowns), expected)
+    return _conclude(task, state, data, seen or _seen(state.begun.plain[:, :-1], unknowns), expected, repeated)
 
 
 def _options(model: Model, level: str, said: Mapping[str, Any]) -> FitOptions:
@@ -144,13 +146,13 @@ def _seen(rows: np.ndarray, unknowns: Unknowns) -> Identifiability:
     return analyse(rows[:, :g], unknowns.scale[:g], unknowns.names[:g], rows[:, g:], of)
 
 
-def _conclude(task: Task, state: State, data: Measurements, ident: Identifiability, expected: int) -> Fit:
+def _conclude(
+    task: Task, state: State, data: Measurements, ident: Identifiability, expected: int, repeated: Repeated
+) -> Fit:
     """The fit that a search ended with, its residuals on all rows and its warnings."""
     unknowns, chosen, g = task.unknowns, task.chosen, task.unknowns.n_geometry
-    half = least_squares.root(state.R) * unknowns.scale[chosen][:, None]
-    spread = np.zeros((len(unknowns.names), half.shape[1]))
-    spread[chosen] = half
-    covariance = spread @ spread.T
+    supported, half = _supported(task, state, repeated)
+    covariance = half @ half.T
     status, reason, remedy = _verdict(state, ident, expected, task)
 
     fitted, held = ~data.check, data.check
@@ -158,7 +160,13 @@ def _conclude(task: Task, state: State, data: Measurements, ident: Identifiabili
     error, weight = np.empty((len(data), 6)), np.ones(len(data))
     every = noise.measured is data.mask  # readings that the level cannot explain have residuals all the same
     error[fitted] = state.at[0] if every else evaluate(state.model, data.take(fitted), state.at[1].pose)[0]
-    error[held] = evaluate(state.model, data.take(held))[0] if held.any() else 0.0
+    counted = task.noise
+    if held.any():
+        error[held], p = evaluate(state.model, data.take(held))
+        counted = with_repeated(noise.take(held), repeated, state.model, data.take(held), p.pose)
+    if repeated.sigma_q:
+        noise = noise.at(fitted, task.noise)
+        noise = noise.at(held, counted) if held.any() else noise
     weight[fitted] = state.weights.row
     information = (ident.ratio * state.weights.scale) ** 2
     taken = float(np.sum(chosen < g))
@@ -166,9 +174,10 @@ def _conclude(task: Task, state: State, data: Measurements, ident: Identifiabili
         taken = float(np.sum(information / (1 + information)))
     taken += unknowns.n_effects + unknowns.n_registration
 
-    fitted_noise = _noise_left(error[fitted], noise.take(fitted), taken)
+    over = noise.sigma[fitted] / data.sigma[fitted]
+    ratio = supported.ratio * np.sqrt([np.mean(over[:, :3] ** 2), np.mean(over[:, 3:] ** 2)])
     found = Fit(
-        candidate=_with_sigma(state.model, unknowns, covariance, spread[: g + unknowns.n_effects], fitted_noise),
+        candidate=_with_sigma(state.model, unknowns, covariance, half[: g + unknowns.n_effects], ratio),
         status=status,
         reason=reason,
         remedy=remedy,
@@ -176,6 +185,7 @@ def _conclude(task: Task, state: State, data: Measurements, ident: Identifiabili
         noise=noise,
         unknowns=unknowns,
         covariance=covariance,
+        scale=supported,
         error=error,
         weight=weight,
         accuracy=accuracy(error[fitted], noise.take(fitted), taken),
@@ -186,6 +196,26 @@ def _conclude(task: Task, state: State, data: Measurements, ident: Identifiabili
         iterations=state.iterations,
     )
     return replace(found, warnings=cautions(found, state.at[1].unsettled))
+
+
+def _supported(task: Task, state: State, repeated: Repeated) -> tuple[Scale, np.ndarray]:
+    """By what the data scale the noise, and a factor H (n, r) of the unknowns' covariance H·Hᵀ under that noise [SI].
+
+    With C = (JᵀJ + P)⁻¹ the covariance under the noise that the fit weighed with, J of whitened readings and P of the
+    priors, the estimate has covariance C·(Σ s²·JᵀJ + P)·C where the noise of each class of readings is s times larger.
+    """
+    chosen, unknowns = task.chosen, task.unknowns
+    half = least_squares.root(state.R) * unknowns.scale[chosen][:, None]
+    out = np.zeros((len(unknowns.names), len(chosen)))
+    out[chosen] = half
+    if not np.isfinite(half).all():
+        return NOT_SCALED, out
+    inner = [half.T @ gram[np.ix_(chosen, chosen)] @ half for gram in state.linear.grams()]
+    found = scale(state.at[0], task.noise, state.weights.row, np.trace(inner, axis1=1, axis2=2), repeated)
+    middle = np.eye(len(chosen)) + np.einsum("c,cij->ij", found.ratio**2 - 1, inner)
+    values, vectors = np.linalg.eigh(middle)  # positive: the priors' share, and s² times that of the data
+    out[chosen] = half @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    return found, out
 
 
 def _verdict(state: State, ident: Identifiability, expected: int, task: Task) -> tuple[str, str, str]:
@@ -217,18 +247,6 @@ def _verdict(state: State, ident: Identifiability, expected: int, task: Task) ->
     return "converged", "", ""
 
 
-def _noise_left(error: np.ndarray, noise: Noise, taken: float) -> np.ndarray:
-    """(2,) σ of positions and of rotations in residuals (N, 6) over the stated ones; 1 where none are measured."""
-    seen = noise.measured & ~np.isnan(error)
-    spare = 1 - min(taken / max(int(seen.sum()), 1), 0.95)
-    out = np.ones(2)
-    for c, part in enumerate((slice(0, 3), slice(3, 6))):
-        off = (error / noise.sigma)[:, part][seen[:, part]]
-        if len(off):
-            out[c] = max(float(np.sqrt(np.mean(off**2) / spare)), 1e-3)
-    return out
-
-
 def _with_sigma(
     model: Model, unknowns: Unknowns, covariance: np.ndarray, half: np.ndarray, noise: np.ndarray
 ) -> Model:
@@ -236,7 +254,7 @@ def _with_sigma(
 
     Args:
         half: (n_geometry + n_effects, r) factor of the covariance of geometry and effects.
-        noise: (2,) σ of positions and rotations that the fit left, over the stated ones.
+        noise: (2,) σ of positions and rotations that the data support, over the stated ones.
     """
     g, basis = unknowns.n_geometry, unknowns.basis
     sigma = np.full(len(model.k), np.nan)

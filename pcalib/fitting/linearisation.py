@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -60,6 +60,14 @@ class Linearisation:
         """(M, n_effects + n_frame) what is unknown beside the geometry."""
         return self.jacobian[:, self.n_geometry :]
 
+    def grams(self, weight: np.ndarray) -> np.ndarray:
+        """JᵀwJ (2, n, n) of positions and of rotations, for weights w (N,) of the rows."""
+        out = []
+        for rows in (self.component < 3, self.component >= 3):
+            J = self.jacobian[rows] * np.sqrt(weight[self.row[rows]])[:, None]
+            out.append(J.T @ J)
+        return np.stack(out)
+
     @cached_property
     def triangle(self) -> np.ndarray:
         """Triangular factor of [jacobian residual], at most (n + 1, n + 1): all that the M scalars say."""
@@ -76,6 +84,8 @@ class Information:
     """The same without weights."""
     motion: np.ndarray | None
     """(N, n_state, n_geometry) of the plates about their measured points, by geometry; None for more than ROWS rows."""
+    grams: Callable[[], np.ndarray]
+    """Gives Jᵀw²J of positions and of rotations, (2, n, n): for traces and products, never to be inverted."""
 
 
 def conditions_of(data: Measurements) -> Conditions:
@@ -166,7 +176,6 @@ def information(
         weight: (N,) of each row.
     """
 
-
     def weighted(linear: Linearisation, weight: np.ndarray) -> np.ndarray:
         root = np.sqrt(weight)[linear.row]
         return least_squares.triangle(linear.jacobian * root[:, None], linear.residual * root)
@@ -178,14 +187,33 @@ def information(
     alike = bool((weight == 1).all())
     if len(data) <= ROWS:
         linear = linearise(model, data, unknowns, at, noise)
-        return Information(linear.triangle if alike else weighted(linear, weight), linear.triangle, linear.motion)
+        triangle = linear.triangle if alike else weighted(linear, weight)
+        return Information(triangle, linear.triangle, linear.motion, lambda: linear.grams(weight**2))
     plain = whole = np.zeros((0, len(unknowns.names) + 1))
+    grams = np.zeros((2, len(unknowns.names), len(unknowns.names)))
     for r in chunks(len(data)):
         part = data.take(r)
         linear = linearise(model, part, unknowns, residuals(model, part, at[1].pose.take(r)), noise.take(r))
         plain = added(plain, linear.triangle)
         whole = plain if alike else added(whole, weighted(linear, weight[r]))
-    return Information(whole, plain, None)
+        grams += linear.grams(weight[r] ** 2)
+    return Information(whole, plain, None, lambda: grams)
+
+
+def joint_response(model: Model, data: Measurements, pose: Pose) -> np.ndarray:
+    """Derivative of the readings by the position of every actuator, (N, 6, nq).
+
+    Args:
+        pose: (N,) from which forward kinematics starts.
+    """
+    mechanism = model.robot.mechanism
+    out = np.empty((len(data), 6, len(mechanism.actuators)))
+    for r in chunks(len(data)):
+        _, p = residuals(model, data.take(r), pose.take(r))
+        one = np.broadcast_to(np.eye(out.shape[-1]), (len(p.q), out.shape[-1], out.shape[-1]))
+        parts = [Contribution(actuator=one[:, i]) for i in range(out.shape[-1])]
+        out[r] = prediction.effect_columns(model, p, *prediction.closure_of(model, p), parts)
+    return out
 
 
 def seen_from(model: Model, data: Measurements) -> Model:

@@ -14,6 +14,7 @@ from pcalib.data.noise import Noise
 from pcalib.errors import FitError
 from pcalib.fitting.far import Far, far
 from pcalib.fitting.identifiability import Identifiability
+from pcalib.fitting.scatter import Scale
 from pcalib.fitting.unknowns import Unknowns, current
 from pcalib.model import Model
 
@@ -106,7 +107,9 @@ class Fit:
     """Noise that the fit counted with, of all rows; `measured` holds the readings that the level can explain."""
     unknowns: Unknowns
     covariance: np.ndarray
-    """(n, n) posterior covariance of the unknowns [SI]."""
+    """(n, n) posterior covariance of the unknowns [SI], under the noise that the data support."""
+    scale: Scale
+    """Noise that the data support, over that of the weights; `covariance` is scaled by it."""
     error: np.ndarray
     """(N, 6) measured − predicted [m, rad], NaN where not measured, of all rows."""
     weight: np.ndarray
