@@ -10,9 +10,6 @@ from pcalib import rotation, units, wording
 from pcalib.fitting.result import Accuracy, Fit
 from pcalib.model import Frame
 
-_OVERSTATED = 0.5
-"""χ² per degree of freedom below which the stated σ is called too large."""
-
 
 def _micro(value: float) -> float | None:
     return float(value * 1e6) if np.isfinite(value) else None
@@ -80,12 +77,19 @@ def fit_json(fit: Fit) -> dict[str, Any]:
         **accuracy_json(fit.accuracy),
         "check": accuracy_json(fit.check) if fit.check else None,
         "prior_scale": fit.prior_scale,
+        "sigma_scale": {
+            "source": fit.scale.source.value,
+            "pos": float(fit.scale.ratio[0]) if fit.data.kinds[0] else None,
+            "rot": float(fit.scale.ratio[1]) if fit.data.kinds[1] else None,
+            "joint_urad": fit.scale.sigma_q * 1e6,
+        },
         "iterations": fit.iterations,
         "parameters": parameters,
         "combinations": combinations(fit),
         "frame": _frame(model.frame),
         "unidentifiable": fit.identifiability.sentences(),
         "warnings": [str(warning) for warning in fit.warnings],
+        "warning_codes": [warning.code.value for warning in fit.warnings],
     }
 
 

@@ -8,11 +8,14 @@ measured, with two tools: d = S·(k − k̂) against the χ² distribution of 3 
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from pcalib import planning, prediction, rotation
+from pcalib import robot as robots
 from pcalib.data.measurement import Measurements
 from pcalib.fitting import identification
 from pcalib.fitting.identifiability import priors
@@ -101,3 +104,15 @@ def table(found: list[Coverage]) -> str:
     """The study in Markdown."""
     rows = [f"| {c.situation} | {c.robots} | {c.parameters:.1%} | {c.tcp:.1%} ± {c.uncertain:.1%} |" for c in found]
     return "\n".join(["| σ stated | robots | parameters inside | TCP ellipsoids inside |", "|---|---|---|---|", *rows])
+
+
+def main(arguments: list[str]) -> None:
+    """Print the study of the default Delta: `[ROBOTS [SEED]]`, else 200 robots of seeds 0 and 1."""
+    robot = robots.load(Path(__file__).parents[2] / "models" / "delta.toml")
+    count = int(arguments[0]) if arguments else 200
+    for seed in [int(arguments[1])] if len(arguments) > 1 else [0, 1]:
+        print(f"seed {seed}\n\n{table(study(robot, count, seed))}\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

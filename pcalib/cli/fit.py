@@ -224,6 +224,7 @@ def show(found: Fit) -> None:
     moved = summary.largest_changes(found)
     if moved:
         show_table(("moved most", "from nominal", "± 1σ", "in σ"), moved)
+    say(found.scale.sentence(found.data.stated, found.data.kinds))
     for warning in found.warnings:
         say(f"- {warning}")
 

@@ -37,6 +37,15 @@ class Far:
     """Whether it is set by somebody, as the zero of a motor is, and not made in a workshop."""
 
 
+    def sentence(self) -> str:
+        """Where it lies, in words."""
+        value, unit = {"m": (1e3, " mm"), "rad": (180 / np.pi, "°"), "1": (100.0, " %")}[self.unit]
+        return (
+            f"{self.words} is {self.change * value:+.3g}{unit} from the drawing (± {self.sigma * value:.2g}{unit}), "
+            f"{self.tolerances:.0f} times its tolerance"
+        )
+
+
 def far(model: Model, unknowns: Unknowns, covariance: np.ndarray, least: float = FAR) -> tuple[Far, ...]:
     """What lies more than `least` tolerances from the drawing, the farthest first.
 

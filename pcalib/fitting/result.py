@@ -12,7 +12,7 @@ from pcalib import wording
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
 from pcalib.errors import FitError
-from pcalib.fitting.far import Far, far
+from pcalib.fitting.far import FAR, Far, far
 from pcalib.fitting.identifiability import Identifiability
 from pcalib.fitting.scatter import Scale
 from pcalib.fitting.unknowns import Unknowns, current
@@ -35,6 +35,12 @@ class Code(Enum):
     UNSETTLED = "unsettled"
     OTHER_ROBOT = "other_robot"
     OUT_OF_REACH = "out_of_reach"
+    AT_BOUND = "at_bound"
+    HELD_BY_PRIOR = "held_by_prior"
+    NEVER_MOVED = "never_moved"
+    SIGMA_TOO_LARGE = "sigma_too_large"
+    SIGMA_TOO_SMALL = "sigma_too_small"
+    FAR_FROM_DRAWING = "far_from_drawing"
 
 
 @dataclass(frozen=True)
@@ -163,6 +169,9 @@ class Fit:
     @cached_property
     def far(self) -> tuple[Far, ...]:
         """Values many manufacturing tolerances from the drawing, the farthest first."""
+        g = self.unknowns.n_geometry
+        if not (np.abs(self.estimate[:g]) > FAR / 3 * self.unknowns.scale[:g]).any():
+            return ()  # a number of three components or fewer has one beyond that
         return far(self.candidate, self.unknowns, self.covariance)
 
     @cached_property

@@ -120,9 +120,9 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
     if fit.unknowns.level.perfect and seen[:, :3].any():
         seen[:, 3:] = False
     chi2 = float(np.sum((fit.error[used][seen] / data.sigma[used][seen]) ** 2))
-    # Where more is left than the stated noise, all σ are that much larger.
-    inflate = max(1.0, np.sqrt(fit.accuracy.chi2_dof)) if np.isfinite(fit.accuracy.chi2_dof) else 1.0
-    covariance = inflate**2 * fit.covariance[:g, :g]
+    # The covariance holds the noise that the data support, over the stated one by this factor.
+    inflate = float(np.sqrt(np.mean(fit.scale.ratio[np.array(fit.data.kinds)] ** 2)))
+    covariance = fit.covariance[:g, :g]
     units = [unknowns.level.units[unknowns.level.columns.index(name)] for name in unknowns.names[:g]]
     own = _beside_rigid_motions(fit)
     change = own @ fit.estimate[:g]

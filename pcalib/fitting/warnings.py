@@ -16,6 +16,14 @@ FAR = 6
 """Warn of rows more than this many times as far off as the median row: noise alone reaches 3 in a thousand rows."""
 LIGHT = 0.5
 """Warn of rows whose robust weight is below this."""
+HELD = 0.5
+"""Warn of effects of whose prior variance the data leave more than this share."""
+STILL = 1e-6
+"""[rad or m] Warn of actuators that move by less: files keep commands to a microradian."""
+OVERSTATED, UNDERSTATED = 0.7, 1.4
+"""Warn when σ of residuals or of replicates differ from the stated σ by such a factor, and by more than chance."""
+SURE = 3.3
+"""Standard errors that count as more than chance: p = 0.001."""
 _MOST = 8
 """Line numbers that a warning spells out."""
 
@@ -109,6 +117,65 @@ def _out_of_reach(fit: Fit) -> Iterator[str]:
         yield f"{_rows(len(lines), 'out of the fitted reach, held out')} and not counted ({_lines(lines)})"
 
 
+def _at_bound(fit: Fit) -> Iterator[str]:
+    unknowns = fit.unknowns
+    slack = 1e-6 * unknowns.scale
+    for i in np.flatnonzero(np.isfinite(unknowns.lower) | np.isfinite(unknowns.upper)):
+        low, value, high = unknowns.lower[i], fit.estimate[i], unknowns.upper[i]
+        if value <= low + slack[i] or value >= high - slack[i]:
+            unit = unknowns.level.units[unknowns.level.columns.index(unknowns.names[i])]
+            yield (
+                f"{unknowns.names[i]} lies at its bound, {wording.deviation(float(value), unit, '+')} from nominal: "
+                "the data ask for more; fit without the bound, or find out why it cannot be"
+            )
+
+
+def _held_by_prior(fit: Fit) -> Iterator[str]:
+    g, e = fit.unknowns.n_geometry, fit.unknowns.n_effects
+    share = np.diag(fit.covariance)[g : g + e] / fit.unknowns.prior[g : g + e] ** 2
+    for name, part in zip(fit.unknowns.names[g : g + e], share, strict=True):
+        if part > HELD:
+            yield (
+                f"{name}: the data tell little of it, and its prior holds it small; measure where it acts more, or "
+                "state a larger usual size of an effect of your own"
+            )
+
+
+def _never_moved(fit: Fit) -> Iterator[str]:
+    data = fit.data
+    still = np.ptp(data.q[~data.check], axis=0) < STILL
+    names = [name for name, rests in zip(data.actuators, still, strict=True) if rests]
+    if names and (~data.check).sum() > 1:
+        yield f"{', '.join(names)} never moved: what belongs to it is not calibrated; measure poses where it moves"
+
+
+def _disagrees(ratio: float, dof: float) -> bool:
+    """Whether a σ is off by more than chance: the logarithm of a ratio of σ has variance 1/(2·dof)."""
+    return bool(np.isfinite(dof) and abs(np.log(ratio)) * np.sqrt(2 * dof) > SURE)
+
+
+def _sigma_too_large(fit: Fit) -> Iterator[str]:
+    for c, what in enumerate(("positions", "rotations")):
+        ratio, dof = float(fit.scale.ratio[c]), float(fit.scale.dof[c])
+        if fit.data.stated[c] and fit.data.kinds[c] and ratio < OVERSTATED and _disagrees(ratio, dof):
+            yield (
+                f"residuals of {what} are {ratio:.2g}× their stated σ: is σ stated too large, or are they in another "
+                "unit than their columns say?"
+            )
+
+
+def _sigma_too_small(fit: Fit) -> Iterator[str]:
+    for c, what in enumerate(("positions", "rotations")):
+        ratio = float(fit.scale.replicates[c])
+        if fit.data.stated[c] and fit.data.kinds[c] and ratio > UNDERSTATED and not fit.scale.sigma_q:
+            yield f"replicates of {what} scatter by {ratio:.2g}× their stated σ: is σ stated too small?"
+
+
+def _far_from_drawing(fit: Fit) -> Iterator[str]:
+    for value in fit.far:
+        yield f"far from the drawing: {value.sentence()}"
+
+
 _CHECKS: dict[Code, Callable[[Fit], Iterator[str]]] = {
     Code.ROTATIONS_LEFT_OUT: _rotations_left_out,
     Code.FEW_DIRECTIONS: _few_directions,
@@ -119,6 +186,12 @@ _CHECKS: dict[Code, Callable[[Fit], Iterator[str]]] = {
     Code.FAR_ROWS: _far_rows,
     Code.OTHER_ROBOT: _other_robot,
     Code.OUT_OF_REACH: _out_of_reach,
+    Code.AT_BOUND: _at_bound,
+    Code.HELD_BY_PRIOR: _held_by_prior,
+    Code.NEVER_MOVED: _never_moved,
+    Code.SIGMA_TOO_LARGE: _sigma_too_large,
+    Code.SIGMA_TOO_SMALL: _sigma_too_small,
+    Code.FAR_FROM_DRAWING: _far_from_drawing,
 }
 
 
