@@ -67,7 +67,7 @@ def test_replicates_tell_joints_that_do_not_repeat_from_the_instrument(delta, mo
 
 def test_what_repeats_is_no_noise_of_joints(delta):
     """An error of the motor angles that comes again in every replicate is left to the residual."""
-    truth, data = coverage.measured(delta, "right", 3)
+    _truth, data = coverage.measured(delta, "right", 3)
     wrong = replace(data, q=data.q + 1e-4 * np.sin(24 * data.q))
     found = identification.fit(wrong, delta)
     assert found.scale.sigma_q == 0.0 and found.accuracy.chi2_dof > 1.5
