@@ -12,6 +12,7 @@ from pcalib import compensation, modelfile, prediction, workspace
 from pcalib.ladder import ErrorMap, Ladder, Step
 from pcalib.model import Model
 from pcalib.prediction import Conditions
+from pcalib.wording import size
 
 _ROUNDING = 1e-9
 """[m] Smaller misses are shown as zero: the model's own commands miss by rounding alone."""
@@ -41,7 +42,7 @@ def predicted(
         text = f"Commands from the model as it was then: {known}. {robot.mechanism.levels[then.level].text}"
         label = f"{entry.get('action', 'step')} {i + 1}"
         steps.append(Step(f"step{i + 1}", label, then, "exact", text))
-    text = "Commands from the model itself: by what it says of the robot, nothing is missed."
+    text = "Commands from the model itself: by what it says of the robot, nothing is missed. " + _expected(model)
     steps.append(Step("model", "Calibrated", real, "exact", text))
     plate = workspace.workspace_grid(robot)
     maps = []
@@ -52,6 +53,17 @@ def predicted(
         errors, status = (np.stack(part) for part in zip(*fields, strict=True))
         maps.append(ErrorMap(np.asarray(tool, float), wanted, errors, status))
     return Ladder(robot, tuple(steps), tuple(maps), "predicted by the model")
+
+
+def _expected(model: Model) -> str:
+    """What is expected at the TCP all the same: what the fit left on measured poses, those held out apart."""
+    last = model.history[-1] if model.history else {}
+    said = [
+        f"{size(1e-6 * float(last[key]))} RMS on {rows} poses"
+        for key, rows in (("rms_pos_um", "fitted"), ("check_rms_pos_um", "held-out"))
+        if last.get(key) is not None
+    ]
+    return f"Expected at the measured point: {', '.join(said)}, the instrument's noise included." if said else ""
 
 
 def _one_digit(value: float) -> float:

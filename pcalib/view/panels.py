@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 LEAST = 5.0
 """[σ] The axis of the candidates' bars reaches at least this far, so that bars as long as noise look short."""
 DIM, NOW = (120, 128, 140), (150, 158, 172)
-CANDIDATE_MARGIN = (44.0, 8.0, 11.0, 3.0)
+CANDIDATE_MARGIN = (60.0, 8.0, 11.0, 3.0)
 LADDER_BOUNDS = SCATTER_BOUNDS = chart.Axes((0, 1), (0, 1)).bounds
 CANDIDATE_BOUNDS = chart.Axes((0, 1), (0, 1), margin=CANDIDATE_MARGIN).bounds
 """Bounds that the views of these plots have to show."""
@@ -43,8 +43,8 @@ def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str]
             lines += [
                 "| " + " | ".join(["TCP error", *(_plain(m.label) for m in ladder.maps)]) + " |",
                 "|---" * (1 + len(ladder.maps)) + "|",
-                "| " + " | ".join(["**RMS**", *(f"**{size(m.rms[s])}**" for m in ladder.maps)]) + " |",
-                "| " + " | ".join(["max", *(size(m.max[s]) for m in ladder.maps)]) + " |",
+                "| " + " | ".join(["**RMS**", *(f"**{_missed(m.rms[s])}**" for m in ladder.maps)]) + " |",
+                "| " + " | ".join(["max", *(_missed(m.max[s]) for m in ladder.maps)]) + " |",
                 "",
             ]
         if step.fit is not None:
@@ -53,6 +53,11 @@ def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str]
         rec.set_time(TIMELINE, sequence=s)
         rec.log("text/step", rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN))
     rec.reset_time()
+
+
+def _missed(error: float) -> str:
+    """An error; none where a model is asked about its own commands."""
+    return size(error) if error != 0 else "none"
 
 
 def _fit_line(step: Step) -> str:
@@ -230,7 +235,7 @@ def draw_candidates(rec: rr.RecordingStream, path: str, steps: Sequence[Step], m
         rec.set_time(TIMELINE, sequence=s)
         axes.frame(rec, path, ticks if ranked else [], [], x_lines=True, static=False)
         rec.log(f"{path}/bars", rr.LineStrips2D(bars, colors=colours, radii=0.32 * axes.height / most))
-        at = axes.place(0.0 * length, y) - [22.0, chart.LABEL_DROP]
+        at = axes.place(0.0 * length, y) - [30.0, chart.LABEL_DROP]
         rec.log(f"{path}/names", chart.labels(at, [c.name for c in ranked]))
     rec.reset_time()
 

@@ -22,7 +22,26 @@ if TYPE_CHECKING:
 ARM, ROD, PLATE, MOTOR, BASE, JOINT, TOOL = (
     (235, 122, 38), (178, 184, 194), (58, 132, 205), (74, 79, 88), (104, 110, 121), (52, 57, 65), (226, 229, 234),
 )  # fmt: skip
+AXES = ((214, 76, 76), (92, 176, 92), (84, 132, 222))
+"""x, y and z of the base frame: red, green and blue."""
 LINE, TEXT = (70, 78, 92), (214, 219, 228)
+
+
+LARGE = 0.995
+"""Quantile of the errors that is drawn about as long as targets are apart: a few may be longer."""
+
+
+def gain_of(errors: np.ndarray, radius: float) -> float:
+    """Factor, 1, 2 or 5 times a power of ten, that draws large errors as long as targets are apart.
+
+    Args:
+        errors: (n,) [m]; zeros and NaN do not count.
+        radius: [m] of the workspace.
+    """
+    seen = errors[np.isfinite(errors) & (errors > 0)]
+    wanted = 0.3 * radius / (float(np.quantile(seen, LARGE)) if len(seen) else 1e-3)
+    decade = 10.0 ** math.floor(math.log10(wanted))
+    return decade * max(step for step in (1, 2, 5) if step * decade <= wanted * (1 + 1e-9))
 
 
 @dataclass(frozen=True)
@@ -32,22 +51,22 @@ class Style:
     colours: LogScale
     """[m]"""
     gain: float
-    """Length of a drawn arrow per error."""
+    """Length of a drawn arrow per error where all steps have one scale."""
     size: float
     """[m] length that radii of drawn parts are taken from."""
+    radius: float = 1.0
+    """[m] of the workspace, by which the arrows of a single step are scaled."""
 
     @classmethod
     def of(cls, ladder: Ladder, size: float) -> Style:
-        """The gain, 1, 2 or 5 times a power of ten, that draws large errors as long as targets are apart."""
+        """Colours and arrows for all steps of a ladder."""
         errors = np.concatenate([m.distance.ravel() for m in ladder.maps]) if ladder.maps else np.zeros(0)
         errors = errors[np.isfinite(errors) & (errors > 0)]
-        large = float(np.quantile(errors, 0.995)) if len(errors) else 1e-3
-        wanted = 0.3 * ladder.robot.workspace.radius / large
-        decade = 10.0 ** math.floor(math.log10(wanted))
-        gain = decade * max(step for step in (1, 2, 5) if step * decade <= wanted * (1 + 1e-9))
+        large = float(np.quantile(errors, LARGE)) if len(errors) else 1e-3
+        gain = gain_of(errors, ladder.robot.workspace.radius)
         # From the decade of the smallest RMS: single tiny errors would stretch the scale and tell nothing.
         sizes = np.concatenate([ladder.rms.ravel(), [large]]) if ladder.maps else errors
-        return cls(LogScale.of(sizes), gain, size)
+        return cls(LogScale.of(sizes), gain, size, ladder.robot.workspace.radius)
 
 
 def draw_robot(rec: rr.RecordingStream, path: str, s: Skeleton) -> None:
@@ -58,6 +77,10 @@ def draw_robot(rec: rr.RecordingStream, path: str, s: Skeleton) -> None:
     log("rails", _capsules(s.rails, 0.016 * u, BASE))
     if len(s.rails) > 2:
         log("frame", _capsules(_ring(s.rails[:, 1]), 0.012 * u, BASE))
+    axes = 0.22 * u * np.eye(3)
+    log("axes", rr.Arrows3D(
+        origins=np.zeros((3, 3)), vectors=axes, colors=AXES, labels=["x", "y", "z"], radii=0.004 * u, show_labels=True
+    ))  # fmt: skip
     log("motors", _cylinders(s.motors, 0.055 * u, MOTOR))
     log("arms", _capsules(s.arms, 0.028 * u, ARM))
     log("elbows", _capsules(s.elbows, 0.014 * u, ARM))
@@ -103,7 +126,10 @@ def draw_workspace(
 def draw_field(
     rec: rr.RecordingStream, path: str, field: ErrorMap, labels: Sequence[str], style: Style, title: np.ndarray
 ) -> None:
-    """The error field of one tool: arrows and dots on the timeline, scale and colours the same in every step.
+    """The error field of one tool: arrows and dots on the timeline, colours the same in every step.
+
+    The arrows stand twice: `error` with one scale for all steps, `error_of_step` with a scale of each step's own, so
+    that its pattern is seen however small it is; the title says which.
 
     Args:
         labels: name of each step, shown in the scene at `title` (3,).
@@ -114,16 +140,20 @@ def draw_field(
     for s, label in enumerate(labels):
         rec.set_time(TIMELINE, sequence=s)
         good = field.status[s] == "ok"
-        rec.log(
-            f"{path}/error",
-            rr.Arrows3D(
-                origins=field.targets[good], vectors=style.gain * field.errors[s, good], colors=colours[s, good],
-                radii=0.0030 * style.size,
-            ),
-        )  # fmt: skip
+        own = gain_of(field.distance[s], style.radius)
+        for name, gain in (("error", style.gain), ("error_of_step", own)):
+            rec.log(
+                f"{path}/{name}",
+                rr.Arrows3D(
+                    origins=field.targets[good], vectors=gain * field.errors[s, good], colors=colours[s, good],
+                    radii=0.0030 * style.size,
+                ),
+            )  # fmt: skip
         rec.log(f"{path}/target", rr.Points3D(field.targets[good], radii=0.0070 * style.size, colors=colours[s, good]))
         rec.log(f"{path}/missed", rr.Points3D(field.targets[~good], radii=0.004 * style.size, colors=NO_VALUE))
-        text = f"{s} · {label} · RMS {size(rms[s])}"
+        text = f"{s} · {label} · RMS {size(rms[s])} · arrows ×{own:g}"
+        if rms[s] == 0:
+            text = f"{s} · {label} · the model's own commands: nothing is missed by what it says"
         rec.log(f"{path}/title", rr.Points3D([title], labels=[text], show_labels=True, radii=1e-4, colors=TEXT))
     rec.reset_time()
 

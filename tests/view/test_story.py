@@ -12,7 +12,7 @@ from pcalib import view
 from pcalib.errors import InputError
 from pcalib.ladder import Candidate, ErrorMap, Ladder, Scatter, Step
 from pcalib.model import Model
-from pcalib.view.scene import Style
+from pcalib.view.scene import Style, gain_of
 from pcalib.view.skeleton import rest, skeleton
 
 STEPS = 3
@@ -60,6 +60,19 @@ def test_arrows_in_every_step_on_one_scale(written, ladder, read):
             assert np.array(found[s]["origins"]) == pytest.approx(field.targets[good], abs=1e-6)
             assert np.array(found[s]["vectors"]) == pytest.approx(gain * field.errors[s, good], rel=1e-6, abs=1e-9)
         assert len(read(written, f"scene/{tool}/missed")[STEPS - 1]["positions"]) == 1
+
+
+def test_arrows_of_a_step_have_a_scale_of_their_own_that_the_title_says(written, ladder, read):
+    """However small a step's errors are, its largest arrows are as long as targets are apart."""
+    radius = ladder.robot.workspace.radius
+    for tool, field in zip(("tool_0_mm", "tool_300_mm"), ladder.maps, strict=True):
+        found, titles = read(written, f"scene/{tool}/error_of_step"), read(written, f"scene/{tool}/title")
+        for s in range(STEPS):
+            good = field.status[s] == "ok"
+            own = gain_of(field.distance[s], radius)
+            assert np.array(found[s]["vectors"]) == pytest.approx(own * field.errors[s, good], rel=1e-6, abs=1e-9)
+            longest = np.linalg.norm(found[s]["vectors"], axis=1).max()
+            assert 0.1 * radius < longest < 0.5 * radius and f"arrows ×{own:g}" in titles[s]["labels"][0]
 
 
 def test_colours_are_of_one_scale(written, ladder, read):
