@@ -58,10 +58,11 @@ def predicted(
 def _expected(model: Model) -> str:
     """What is expected at the TCP all the same: what the fit left on measured poses, those held out apart."""
     last = model.history[-1] if model.history else {}
+    figures = ((last, "fitted"), (last.get("check") or {}, "held-out"))
     said = [
-        f"{size(1e-6 * float(last[key]))} RMS on {rows} poses"
-        for key, rows in (("rms_pos_um", "fitted"), ("check_rms_pos_um", "held-out"))
-        if last.get(key) is not None
+        f"{size(1e-6 * float(found['rms_pos_um']))} RMS on {rows} poses"
+        for found, rows in figures
+        if found.get("rms_pos_um") is not None
     ]
     return f"Expected at the measured point: {', '.join(said)}, the instrument's noise included." if said else ""
 

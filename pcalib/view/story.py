@@ -65,17 +65,18 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style) -> rrb.Bluepr
     import rerun.blueprint as rrb
 
     up = upwards(ladder.robot.mechanism)
+    tools = [panels.tool_path(i, field) for i, field in enumerate(ladder.maps)]
     scenes = [
         rrb.Spatial3DView(
             origin="scene",
-            contents=["scene/robot/**", f"scene/{panels.tool_path(i, field)}/**", f"- scene/{panels.tool_path(i, field)}/{out}"],
+            contents=["scene/robot/**", f"scene/{tool}/**", f"- scene/{tool}/{out}"],
             name=f"{field.label}{scale}",
             background=rrb.Background(color=BACKGROUND),
             line_grid=rrb.LineGrid3D(visible=False),
             eye_controls=eye(body, field, up),
         )
         for out, scale in (("error", ""), ("error_of_step", f" · all steps ×{style.gain:g}"))
-        for i, field in enumerate(ladder.maps)
+        for tool, field in zip(tools, ladder.maps, strict=True)
     ]
     landings = [flat(f"landing/{panels.tool_path(i, m)}", m.label, _square(style)) for i, m in enumerate(ladder.maps)]
     details: list = [rrb.TextDocumentView(origin="text/parameters", name="parameters")]
