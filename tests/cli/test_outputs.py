@@ -104,7 +104,7 @@ def test_no_output_takes_the_place_of_something(module, name, line, capfd):
     Path("kept").write_text("precious")
     Path("kept").chmod(0o444)
     Path("folder").mkdir()
-    tried = {"kept": "read-only", "folder": "directory", "absent/new": "no such"}
+    tried = {"kept": "read-only", "folder": "directory", "absent/new": "no such", "kept/new": "cannot write"}
     tried = {"kept/new": "cannot"} if mark.folder else tried
     if first is not None and not mark.folder:
         Path("link").symlink_to(first)

@@ -1,4 +1,4 @@
-"""Outputs that have no place to go, or no room."""
+"""Outputs that have no room; tests/cli/test_outputs.py tries those that have no place."""
 
 from __future__ import annotations
 
@@ -35,39 +35,6 @@ WRITERS = """
     pcbench demo -o {}
 """
 WRITERS = [line.strip() for line in WRITERS.strip().splitlines()]
-
-
-@pytest.mark.parametrize("argv", WRITERS)
-def test_outputs_with_no_place_to_go(argv, cell, refused):
-    """A file where a folder should be: refused for every user, root included."""
-    refused(argv.replace("{}", "data.csv/new"), r"data\.csv/new(\.svg)?: (cannot|the folder|.*Not a directory)")
-    if not re.search("blind|campaign|demo", argv):
-        refused(argv.replace("{}", "absent/new"), r"absent/new(\.svg)?: cannot write: no such folder")
-
-
-@pytest.mark.parametrize(
-    "argv",
-    [
-        "pcalib inspect data.csv --json data.csv",
-        "pcalib fit data.csv --robot robot.toml -o data.csv",
-        "pcalib fit data.csv --robot robot.toml -o new.x --json new.x",
-        "pcalib compare data.csv --model m.toml --report ./m.toml",
-        "pcalib diagnose data.csv --model m.toml --json m.toml",
-        "pcalib add backlash data.csv --model m.toml -o data.csv",
-        "pcalib next data.csv --model m.toml --between backlash,nothing -o m.toml",
-        "pcalib compensate targets.csv --model m.toml -o targets.csv",
-        "pcalib plan --robot robot.toml -o robot.toml",
-        "pcalib join data.csv plan.csv -o plan.csv",
-        "pcalib join data.csv plan.csv -o new.csv --json plan.csv",
-        "pcalib view m.toml --save m.toml",
-        "pcalib view m.toml --save new.rrd --json new.rrd",
-        "pcbench simulate truth.toml -o truth.toml",
-        "pcbench simulate truth.toml --plan plan.csv -o plan.csv",
-        "pcbench verify m.toml truth.toml --json truth.toml",
-    ],
-)
-def test_inputs_are_not_overwritten(argv, refused):
-    refused(argv, "is read, and would be overwritten|is named for two results")
 
 
 def test_a_full_disk(cell, tmp_path):
