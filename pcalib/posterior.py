@@ -20,6 +20,44 @@ REMEDY = "fit the model anew, or delete the section [posterior]: the model then 
 
 
 @dataclass(frozen=True, eq=False)
+class Remaining:
+    """What a fit left over: how far readings of a later session may lie from what the model predicts."""
+
+    ratio: np.ndarray
+    """(2,) σ of positions and of rotations over the stated ones, without that of the joints; 1 where none are read."""
+    sigma_q: float = 0.0
+    """[rad or m] 1σ joint repeatability; 0 where it is not seen."""
+    misfit: float = 1.0
+    """Variance of rows that a fit to the others leaves out, over that of the noise; 1 where the model fits."""
+    dof: float = np.inf
+    """Degrees of freedom of all that."""
+
+    def to_table(self) -> dict[str, Any]:
+        """Keys of the section [posterior]."""
+        out = {"sigma_q": self.sigma_q, "misfit": self.misfit, "dof": self.dof}
+        kept = {key: float(f"{value:.6g}") for key, value in out.items() if np.isfinite(value)}
+        return {"noise": [float(f"{ratio:.6g}") for ratio in self.ratio], **kept}
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Remaining:
+        """From the section [posterior] of a model file; files of earlier versions have `noise` alone.
+
+        Raises:
+            InputError: a number is missing or makes no sense.
+        """
+        noise = table.get("noise")
+        others = {key: table.get(key, default) for key, default in (("sigma_q", 0.0), ("misfit", 1.0), ("dof", np.inf))}
+        pair = noise if isinstance(noise, list) and len(noise) == 2 else ["?"]
+        if not all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in (*pair, *others.values())):
+            raise InputError("posterior: noise, sigma_q, misfit or dof is missing or no number", remedy=REMEDY)
+        made = cls(np.array(pair, float), *(float(v) for v in others.values()))
+        inside = 0 < made.ratio.min() <= made.ratio.max() < 1e9 and 0 <= made.sigma_q < 1e3
+        if not (inside and 0 < made.misfit < 1e9 and made.dof > 0):
+            raise InputError("posterior: noise, sigma_q, misfit or dof makes no sense", remedy=REMEDY)
+        return made
+
+
+@dataclass(frozen=True, eq=False)
 class Posterior:
     """Posterior covariance of a fit, [SI]."""
 
@@ -27,15 +65,15 @@ class Posterior:
     """Coordinates of the model's level, then parameters of its effects, effect by effect."""
     factor: np.ndarray
     """(n, n) Lower triangular F with covariance F·Fᵀ."""
-    noise: np.ndarray
-    """(2,) σ of positions and of rotations that the fit left, over the stated ones; 1 where none were measured."""
+    left: Remaining
+    """What the fit left over."""
 
     @classmethod
-    def of(cls, names: tuple[str, ...], half: np.ndarray, noise: np.ndarray) -> Posterior:
+    def of(cls, names: tuple[str, ...], half: np.ndarray, left: Remaining) -> Posterior:
         """From any factor `half` (n, r) of the covariance."""
         n = len(names)
         padded = np.vstack([half.T, np.zeros((max(0, n - half.shape[1]), n))])
-        return cls(names, np.linalg.qr(padded, mode="r")[:n].T, noise)
+        return cls(names, np.linalg.qr(padded, mode="r")[:n].T, left)
 
     @property
     def covariance(self) -> np.ndarray:
@@ -47,7 +85,7 @@ class Posterior:
         below = self.factor[np.tril_indices(len(self.names))].astype("<f4")
         return {
             "unknowns": list(self.names),
-            "noise": [float(f"{ratio:.6g}") for ratio in self.noise],
+            **self.left.to_table(),
             "factor_f32": base64.b64encode(below.tobytes()).decode("ascii"),
         }
 
@@ -63,17 +101,16 @@ class Posterior:
         """
         if table.get("unknowns") != list(names):
             raise InputError("posterior: its unknowns are not those of the model", remedy=REMEDY)
-        noise, text = table.get("noise"), table.get("factor_f32")
-        numbers = isinstance(noise, list) and len(noise) == 2 and all(isinstance(v, (int, float)) for v in noise)
-        if not numbers or not isinstance(text, str):
-            raise InputError("posterior: noise or factor_f32 is missing", remedy=REMEDY)
+        text, left = table.get("factor_f32"), Remaining.from_table(table)
+        if not isinstance(text, str):
+            raise InputError("posterior: factor_f32 is missing", remedy=REMEDY)
         try:
             below = np.frombuffer(base64.b64decode(text, validate=True), "<f4").astype(float)
         except (binascii.Error, ValueError):
             raise InputError("posterior: factor_f32 is damaged", remedy=REMEDY) from None
         n = len(names)
-        if len(below) != n * (n + 1) // 2 or not np.isfinite(below).all() or not 0 < min(noise) <= max(noise) < 1e9:
-            raise InputError("posterior: factor_f32 or noise does not fit the model", remedy=REMEDY)
+        if len(below) != n * (n + 1) // 2 or not np.isfinite(below).all():
+            raise InputError("posterior: factor_f32 does not fit the model", remedy=REMEDY)
         factor = np.zeros((n, n))
         factor[np.tril_indices(n)] = below
-        return cls(names, factor, np.array(noise, float))
+        return cls(names, factor, left)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import combinations
 
 import numpy as np
 
@@ -37,6 +38,9 @@ REFINED = 5
 """Single hypotheses, those that take up most, that are linearised anew at their size."""
 CLEAR = 6.0
 """Difference of BIC from which on the evidence for the simpler of two nested sets is strong (Kass & Raftery 1995)."""
+AGAINST = (0.005, 0.02)
+"""Levels at which data speak against an explanation, a single one and two at once. Parts contain each other: where the
+one that changed is dropped by chance, a wider one that contains it stands alone and passes for established."""
 ROUNDS = 4
 SETTLED = 1e-3
 """Most rounds of that, and the step in tolerances below which it ends: 0.1 µm."""
@@ -138,7 +142,7 @@ def changes(
     data: Measurements,
     same_setup: bool = False,
     alpha: float = adequacy.ALPHA,
-    against: tuple[float, float] = adequacy.AGAINST,
+    against: tuple[float, float] = AGAINST,
     seed: int = 0,
 ) -> Changes:
     """What changed since the session of a model.
@@ -208,7 +212,7 @@ class _Asked:
             size = np.full(pattern.columns.shape[-1], pattern.size)
             name = f"{pattern.channel} × {pattern.variable}"
             groups.append(Group(name, new.whitened(pattern.columns), size, search=pattern.search))
-        known = Known(np.zeros(len(new.y), int), np.array([np.inf]))
+        known = Known(np.zeros(len(new.y), int), np.array([new.left.dof]))
         made = screen(new.y, new.frame, groups, known, seed=seed)
         return cls(new, tuple(found), tuple(where), omnibus, made)
 
@@ -252,9 +256,7 @@ def _simplest(candidate: Candidate) -> bool:
     return candidate.spec == candidate.name or candidate.search.trials > 1
 
 
-def _slips(
-    new: Session, found: Sequence[Candidate]
-) -> list[tuple[Candidate, Slip, np.ndarray, Search]]:
+def _slips(new: Session, found: Sequence[Candidate]) -> list[tuple[Candidate, Slip, np.ndarray, Search]]:
     """The best place of a slip for every part that can slip, and what the search for it costs."""
     rows = len(new.data)
     places = np.arange(EDGE, rows - EDGE + 1)
@@ -299,9 +301,7 @@ def _search(best: np.ndarray, d: int) -> Search:
     return Search(float(max(tries, 1.0)), float(max(np.mean(best) - d, 0.0)))
 
 
-def _explanations(
-    asked: _Asked, null: np.ndarray, same_setup: bool, against: tuple[float, float]
-) -> list[Explanation]:
+def _explanations(asked: _Asked, null: np.ndarray, same_setup: bool, against: tuple[float, float]) -> list[Explanation]:
     """The smallest adequate sets, single changes first, then pairs; the best BIC first.
 
     A part with very many directions, as the plate with all its joints, stands beside the pairs: it can imitate them.
@@ -314,17 +314,21 @@ def _explanations(
     reference = float(np.quantile(null, against[0]))
     found = adequacy.adequate_sets(screened, order, 1, against[0], reference, names)
     single = [_explained(asked, chosen) for chosen in found]
-    far = sorted((g for g in order if gains[g] > LARGE**2), key=lambda g: -gains[g])[:REFINED]
     known = {e.names for e in single}
-    for g in far:  # of a large change the residuals are not linear
-        if (asked.candidates[g].name,) not in known and (better := _refined(asked, g, same_setup, against[0])):
+    large = [g for g in order if gains[g] > LARGE**2]
+    for g in sorted(large, key=lambda g: -gains[g])[:REFINED]:  # of a large change the residuals are not linear
+        if (asked.candidates[g].name,) not in known and (better := _refined(asked, [g], same_setup, against[0])):
             single.append(better)
     if single:
         return _ordered(single)
     reference = float(np.quantile(null, against[1]))
     found = adequacy.adequate_sets(screened, order, 2, against[1], reference, names)
     found += adequacy.adequate_sets(screened, [g for g in every if g not in order], 1, against[0], reference, names)
-    return _ordered([_explained(asked, chosen) for chosen in found])
+    if found or not large:
+        return _ordered([_explained(asked, chosen) for chosen in found])
+    pairs = [pair for pair in combinations(order, 2) if set(pair) & set(large)]
+    best = sorted(pairs, key=lambda pair: -float(np.sum((screened.joint(pair).T @ screened.y) ** 2)))[:REFINED]
+    return _ordered([e for c in best if (e := _refined(asked, c, same_setup, against[1]))])
 
 
 def _explained(asked: _Asked, chosen: Sequence[int]) -> Explanation:
@@ -374,31 +378,36 @@ def _within(small: Explanation, large: Explanation) -> bool:
     return bool(np.abs(left).max() < 1e-9)
 
 
-def _refined(asked: _Asked, g: int, same_setup: bool, level: float) -> Explanation | None:
-    """A single large change at its own size: an explanation if it is adequate there."""
-    candidate, start = asked.candidates[g], asked.session.model
-    basis = candidate.hypothesis.basis
-    if basis is None or asked.slips[g] is not None:
+def _refined(asked: _Asked, chosen: Sequence[int], same_setup: bool, level: float) -> Explanation | None:
+    """Large changes at their own size, one or several parts at once: an explanation if they are adequate there."""
+    parts, start = [asked.candidates[g] for g in chosen], asked.session.model
+    if any(c.hypothesis.basis is None for c in parts) or any(asked.slips[g] is not None for g in chosen):
         return None
-    total, new = np.zeros(len(candidate.scale)), asked.session
+    basis = np.hstack([c.hypothesis.basis for c in parts])  # type: ignore[list-item]
+    scale = np.concatenate([c.scale for c in parts])
+    total, new = np.zeros(len(scale)), asked.session
     for _ in range(ROUNDS):
-        columns = new.whitened(candidate.hypothesis.columns(new.point)) * candidate.scale
-        both = np.hstack([new.frame, columns])
-        step = np.linalg.lstsq(both, new.y, rcond=1e-6)[0][new.frame.shape[1] :] * candidate.scale
+        columns = np.concatenate([c.hypothesis.columns(new.point) for c in parts], axis=-1)
+        both = np.hstack([new.frame, new.whitened(columns) * scale])
+        step = np.linalg.lstsq(both, new.y, rcond=1e-6)[0][new.frame.shape[1] :] * scale
         total = total + step
         try:
             new = at(start.with_geometry(start.k + basis @ total), asked.session.data, same_setup)
         except InputError:  # a robot that is changed so much cannot take the commands
             return None
-        if np.abs(step / candidate.scale).max() < SETTLED:
+        if np.abs(step / scale).max() < SETTLED:
             break
     here = _Asked.of(new, 0, slips=False)
-    place = next((i for i, c in enumerate(here.candidates) if c.name == candidate.name), None)
-    if place is None:
+    places = [i for c in parts for i, other in enumerate(here.candidates) if other.name == c.name]
+    if len(places) < len(parts):
         return None
     reference = float(np.quantile(adequacy.null_distribution(here.screen), level))
-    if not adequacy.is_adequate(here.screen, [place], level, reference):
+    if not adequacy.is_adequate(here.screen, places, level, reference):
         return None
-    made = _explained(here, [place])
-    member = replace(made.members[0], theta=total, s=float(np.linalg.norm(asked.screen.blocks[g].T @ asked.screen.y)))
-    return replace(made, members=(member,))
+    made = _explained(here, places)
+    sizes = np.split(total, np.cumsum([len(c.scale) for c in parts])[:-1])
+    members = tuple(
+        replace(m, theta=size, s=float(np.linalg.norm(asked.screen.blocks[g].T @ asked.screen.y)))
+        for m, size, g in zip(made.members, sizes, chosen, strict=True)
+    )
+    return replace(made, members=members)

@@ -14,6 +14,7 @@ from pcalib.errors import InputError
 from pcalib.fitting import linearisation
 from pcalib.fitting.sufficiency import require_reach
 from pcalib.model import Frame, Model
+from pcalib.posterior import Remaining
 
 FRAME_PRIOR = np.r_[np.full(3, 1.0), np.full(3, 1.0), np.full(3, 0.1)]
 """[m, rad, m] Scale of the frame's translation, rotation and of the target's offset: so wide that they are free."""
@@ -23,8 +24,8 @@ FRAME_PRIOR = np.r_[np.full(3, 1.0), np.full(3, 1.0), np.full(3, 0.1)]
 class Session:
     """One session, linearised at a model of the robot.
 
-    Whitened arrays have unit covariance if nothing changed: C = Σ + J·P·Jᵀ = L·Lᵀ, with the noise Σ, the derivative J
-    of the readings by geometry and effects, and their posterior covariance P.
+    Whitened arrays have unit covariance if nothing changed: C = λ·(Σ + J·P·Jᵀ) = L·Lᵀ, with the noise Σ, the derivative
+    J of the readings by geometry and effects, their posterior covariance P, and the misfit λ of the model.
     """
 
     model: Model
@@ -44,6 +45,12 @@ class Session:
     def whitened(self, columns: np.ndarray) -> np.ndarray:
         """Columns (N, 6, p) [m, rad] as (M, p) of unit covariance."""
         return self.factor @ self.noise.whiten(columns)
+
+    @property
+    def left(self) -> Remaining:
+        """What the fit of the model left over."""
+        assert self.model.posterior is not None
+        return self.model.posterior.left
 
     @property
     def row(self) -> np.ndarray:
@@ -71,11 +78,11 @@ def session(model: Model, data: Measurements, same_setup: bool = False) -> Sessi
 
 def at(model: Model, data: Measurements, same_setup: bool) -> Session:
     """The session linearised at a model that is registered to it already."""
-    noise = _noise(model, data)
     error, p = linearisation.residuals(model, data)
     require_reach(p, data)
     point = Point.of(model, p, linearisation.conditions_of(data))
-    sensitivity = noise.whiten(np.nan_to_num(_known(point) @ model.posterior.factor))
+    noise = noise_of(data, point)
+    sensitivity = noise.whiten(np.nan_to_num(known(point) @ model.posterior.factor))
     C = np.eye(len(sensitivity)) + sensitivity @ sensitivity.T
     L = np.linalg.cholesky(C)
     y = noise.whiten(np.nan_to_num(error[..., None]))[:, 0]
@@ -83,11 +90,11 @@ def at(model: Model, data: Measurements, same_setup: bool) -> Session:
     if model.frame is not None and not same_setup:
         free = prediction.frame_columns(model, p, offset=data.frame == "tracker")
         free = free * FRAME_PRIOR[: free.shape[-1]]
-    inverse = np.linalg.solve(L, np.eye(len(L)))
+    inverse = np.linalg.solve(L, np.eye(len(L))) / np.sqrt(model.posterior.left.misfit)
     return Session(model, data, point, noise, inverse, inverse @ y, inverse @ noise.whiten(free), sensitivity)
 
 
-def _known(point: Point) -> np.ndarray:
+def known(point: Point) -> np.ndarray:
     """(N, 6, n) Derivative of the readings by what the posterior is about: level coordinates, then effects."""
     model, p = point.model, point.prediction
     basis = model.robot.mechanism.levels[model.level].basis
@@ -96,9 +103,15 @@ def _known(point: Point) -> np.ndarray:
     return np.nan_to_num(np.concatenate(parts, axis=-1))
 
 
-def _noise(model: Model, data: Measurements) -> Noise:
-    """The noise that the file states, scaled as the last session showed it to be."""
-    return Noise.of(data).scaled(model.posterior.noise)
+def noise_of(data: Measurements, point: Point) -> Noise:
+    """The noise of a new session: what its file states, as the fit of the model found it to be, with what the joints
+    and the misfit of the model add."""
+    assert point.model.posterior is not None
+    left = point.model.posterior.left
+    noise = Noise.of(data).scaled(left.ratio)
+    if left.sigma_q:
+        noise = noise.with_joints(np.nan_to_num(point.response().actuator), left.sigma_q)
+    return noise
 
 
 def _registered(model: Model, data: Measurements, same_setup: bool) -> Model:

@@ -128,6 +128,7 @@ def p_text(p: float) -> str:
 
 def as_json(found: Changes) -> dict[str, Any]:
     """`pcalib.changes/1`."""
+    left = found.session.left
     slip = next((m.slip for e in found.sets[:1] for m in e.members if m.slip is not None), None)
     return {
         "schema": "pcalib.changes/1",
@@ -151,7 +152,12 @@ def as_json(found: Changes) -> dict[str, Any]:
         ],
         "frame": found.frame,
         "slip": None if slip is None else {"row": slip.row + 1, "part": slip.hypothesis.name},
-        "noise": {"ratio_to_stated": found.session.model.posterior.noise if found.session.model.posterior else None},
+        "noise": {
+            "ratio_to_stated": left.ratio,
+            "sigma_q_si": left.sigma_q,
+            "misfit": left.misfit,
+            "dof": left.dof if np.isfinite(left.dof) else None,
+        },
         "misfit": {"chi2_dof": found.chi2_dof, "p": found.p},
         "heatmap": [
             {"channel": c.channel, "variable": c.variable, "p": c.p, "s": c.s, "columns": c.d} for c in found.cells

@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib import prediction, rotation
-from pcalib.changes.session import FRAME_PRIOR, _known, session
+from pcalib.changes.session import FRAME_PRIOR, known, noise_of, session
 from pcalib.data.measurement import Measurements
-from pcalib.data.noise import Noise
 from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.point import Point
 from pcalib.errors import FitError
@@ -42,9 +41,7 @@ class Updated:
     """[m] RMS position error on the new session, the frame allowed for."""
 
 
-def update(
-    model: Model, data: Measurements, changed: Sequence[Hypothesis], same_setup: bool = False
-) -> Updated:
+def update(model: Model, data: Measurements, changed: Sequence[Hypothesis], same_setup: bool = False) -> Updated:
     """Fit the parts that changed to a new session, everything else held by the model's posterior.
 
     Args:
@@ -70,9 +67,9 @@ def update(
         error, p = linearisation.residuals(model, data)
         require_reach(p, data)
         after = _rms(error)
-        noise = Noise.of(data).scaled(posterior.noise)
         point = Point.of(model, p, linearisation.conditions_of(data))
-        columns = noise.whiten(np.nan_to_num(_known(point) @ factor))
+        noise = noise_of(data, point)
+        columns = noise.whiten(np.nan_to_num(known(point) @ factor))
         if frames:
             free = prediction.frame_columns(model, p, offset=frames == 9) * FRAME_PRIOR[:frames]
             columns = np.hstack([columns, noise.whiten(np.nan_to_num(free))])
@@ -89,7 +86,7 @@ def update(
     else:
         raise FitError(f"{data.source}: the update does not settle\n  refit everything: pcalib fit {data.source}")
     half = factor @ np.linalg.solve(R, np.eye(r + frames))[:r]
-    kept = Posterior.of(posterior.names, half, posterior.noise)
+    kept = Posterior.of(posterior.names, half, posterior.left)
     sigma = np.sqrt(np.sum((level.basis @ half[: level.basis.shape[1]]) ** 2, axis=1))
     sigma = np.where(np.isfinite(model.sigma), sigma, np.nan) if model.sigma is not None else sigma
     frame = old.frame if same_setup else model.frame if data.frame == "tracker" else None

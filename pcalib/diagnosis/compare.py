@@ -10,13 +10,13 @@ import numpy as np
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
 from pcalib.diagnosis import adequacy
-from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem
 from pcalib.diagnosis.screen import Misfit, misfit
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
 from pcalib.fitting.identification import Accuracy, accuracy
+from pcalib.fitting.noise_level import NoiseLevel
 from pcalib.model import Model
 
 N_DRAWS = 1024

@@ -10,12 +10,10 @@ import numpy as np
 
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
-from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis.adequacy import AGAINST, SEARCH, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
 from pcalib.diagnosis.held_out import HeldOut, refitted
 from pcalib.diagnosis.hypothesis import Hypothesis
-from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem
 from pcalib.diagnosis.screen import NUISANCE, Misfit, Screen, misfit, smallest_seen, span
@@ -23,6 +21,8 @@ from pcalib.diagnosis.verdict import AsGiven, Doubt, Explanation, decide, refute
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification
+from pcalib.fitting import noise_level as noises
+from pcalib.fitting.noise_level import NoiseLevel
 from pcalib.model import Model
 
 N_DRAWS = 4096

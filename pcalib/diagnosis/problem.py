@@ -10,10 +10,8 @@ import numpy as np
 
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
-from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis import outliers
 from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates
-from pcalib.diagnosis.noise import Blocks, NoiseLevel
 from pcalib.diagnosis.outliers import Outliers
 from pcalib.diagnosis.patterns import Pattern, broken, patterns, ripple
 from pcalib.diagnosis.point import Point
@@ -21,6 +19,8 @@ from pcalib.diagnosis.screen import NUISANCE, Group, Known, Screen, joint_span, 
 from pcalib.diagnosis.searched import breaks, scanned
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
+from pcalib.fitting import noise_level as noises
+from pcalib.fitting.noise_level import Blocks, NoiseLevel
 from pcalib.fitting.sufficiency import require_reach
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.model import Model

@@ -11,11 +11,11 @@ from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.held_out import Change
-from pcalib.diagnosis.noise import NoiseLevel
 from pcalib.diagnosis.patterns import Cell
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import Step
 from pcalib.diagnosis.telling import advice, one_per_effect, sentence
+from pcalib.fitting.noise_level import NoiseLevel
 
 
 def _micro(value: float) -> float | None:

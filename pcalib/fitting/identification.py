@@ -31,6 +31,7 @@ from pcalib.fitting.linearisation import conditions_of as conditions_of
 from pcalib.fitting.linearisation import linearise as linearise
 from pcalib.fitting.linearisation import residuals as residuals
 from pcalib.fitting.minimisation import State, Task, minimise
+from pcalib.fitting.remaining import Doubt, remaining
 from pcalib.fitting.result import Accuracy as Accuracy
 from pcalib.fitting.result import Fit as Fit
 from pcalib.fitting.result import accuracy, explained
@@ -39,11 +40,13 @@ from pcalib.fitting.sufficiency import require_enough, require_order, require_re
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.fitting.warnings import cautions
 from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Model
-from pcalib.posterior import Posterior
+from pcalib.posterior import Posterior, Remaining
 from pcalib.robot import Robot
 
 _ROUNDING = 1e-9
 """Share of a parameter's tolerance below which a level only seems to free it, by rounding."""
+
+
 def fit(
     data: Measurements,
     robot: Robot | Model,
@@ -86,9 +89,7 @@ def fit(
     if not weighted:
         data = replace(data, sigma=data.sigma[:, :1] * np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3]))
     tracker = data.frame == "tracker"
-    unknowns = unknowns_of(
-        model, level, model.effects, tracker, how.fixed, how.bounds, how.prior, flat=method != "map"
-    )
+    unknowns = unknowns_of(model, level, model.effects, tracker, how.fixed, how.bounds, how.prior, flat=method != "map")
     require_rows(data)
     fitted = data.take(~data.check) if data.check.any() else data
     used = replace(fitted, mask=explained(fitted, unknowns))
@@ -174,10 +175,9 @@ def _conclude(
         taken = float(np.sum(information / (1 + information)))
     taken += unknowns.n_effects + unknowns.n_registration
 
-    over = noise.sigma[fitted] / data.sigma[fitted]
-    ratio = supported.ratio * np.sqrt([np.mean(over[:, :3] ** 2), np.mean(over[:, 3:] ** 2)])
+    known = _left_over(task, state, data.take(fitted), noise.take(fitted), repeated, supported, half)
     found = Fit(
-        candidate=_with_sigma(state.model, unknowns, covariance, half[: g + unknowns.n_effects], ratio),
+        candidate=_with_sigma(state.model, unknowns, covariance, known),
         status=status,
         reason=reason,
         remedy=remedy,
@@ -247,15 +247,23 @@ def _verdict(state: State, ident: Identifiability, expected: int, task: Task) ->
     return "converged", "", ""
 
 
-def _with_sigma(
-    model: Model, unknowns: Unknowns, covariance: np.ndarray, half: np.ndarray, noise: np.ndarray
-) -> Model:
-    """The model with 1σ and covariance of geometry and effects attached.
+def _left_over(
+    task: Task, state: State, data: Measurements, noise: Noise, repeated: Repeated, supported: Scale, half: np.ndarray
+) -> Doubt:
+    """What the fit left over, of the fitted rows; `half` holds the covariance without that."""
+    if not repeated.sigma_q:
+        plain = np.zeros((len(task.unknowns.names), len(task.chosen)))
+        plain[task.chosen] = least_squares.root(state.R) * task.unknowns.scale[task.chosen][:, None]
+        if (known := remaining(state.model, data, task.unknowns, plain, noise)) is not None:
+            return known
+    ratio = np.where(np.isnan(repeated.ratio), 1.0, repeated.ratio) if repeated.sigma_q else 1.0
+    behind = supported.dof[np.isfinite(supported.dof)]
+    dof = float(behind.sum()) if len(behind) else np.inf
+    return Doubt(Remaining(np.maximum(ratio * supported.ratio, 1e-3), repeated.sigma_q, 1.0, dof), half)
 
-    Args:
-        half: (n_geometry + n_effects, r) factor of the covariance of geometry and effects.
-        noise: (2,) σ of positions and rotations that the data support, over the stated ones.
-    """
+
+def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray, known: Doubt) -> Model:
+    """The model with 1σ and covariance of geometry and effects attached."""
     g, basis = unknowns.n_geometry, unknowns.basis
     sigma = np.full(len(model.k), np.nan)
     moved = np.abs(basis * unknowns.scale[:g]).max(axis=1, initial=0.0)
@@ -268,9 +276,8 @@ def _with_sigma(
         i += len(fitted.theta)
     free = len(unknowns.keep)
     rows = np.r_[np.flatnonzero(unknowns.keep), free + np.arange(unknowns.n_effects)]
+    half = known.unknowns[: g + unknowns.n_effects]
     whole = np.zeros((free + unknowns.n_effects, half.shape[1]))
     whole[rows] = half
     fitted = replace(model, sigma=sigma, effects=tuple(effects))
-    return replace(fitted, posterior=Posterior.of(fitted.unknowns, whole, noise))
-
-
+    return replace(fitted, posterior=Posterior.of(fitted.unknowns, whole, known.left))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pcalib.data import replicates
-from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis import outliers
 from pcalib.diagnosis.problem import problem
 from pcalib.diagnosis.screen import NUISANCE
+from pcalib.fitting import noise_level as noises
 
 N, NQ = 60, 3
 

@@ -15,9 +15,9 @@ from bench.jobs.hidden.design import DESIGNS
 from bench.jobs.hidden.stage import MOVED, RANGE, Replay, Stage, suits
 from pcalib import effects
 from pcalib import robot as robots
-from pcalib.diagnosis import noise as noises
 from pcalib.diagnosis.problem import problem
 from pcalib.fitting import identification
+from pcalib.fitting import noise_level as noises
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = robots.load(ROOT / "models" / "delta.toml")

@@ -133,10 +133,14 @@ class Pair:
     @cached_property
     def model(self) -> Model:
         """The model of the first session."""
-        first = self.measured((), 0.0, _plan(self.robot, FIRST, self.seed + 2, self.payloads), self.seed + 3, again=False)
+        first = self.measured(
+            (), 0.0, _plan(self.robot, FIRST, self.seed + 2, self.payloads), self.seed + 3, again=False
+        )
         return identification.fit(first, self.robot).model
 
-    def truth(self, moved: Sequence[Moved], size: float | Sequence[float], noisy: bool = True, again: bool = True) -> Truth:
+    def truth(
+        self, moved: Sequence[Moved], size: float | Sequence[float], noisy: bool = True, again: bool = True
+    ) -> Truth:
         """The robot after a change of some size, and its instrument.
 
         Args:
@@ -179,7 +183,9 @@ class Pair:
         after = self.measured(moved, size, seed=seed)
         return joined(self.measured((), 0.0, seed=seed), after, row) if row else after
 
-    def visible(self, moved: Sequence[Moved], size: float | Sequence[float], row: int = 0) -> tuple[np.ndarray, Session]:
+    def visible(
+        self, moved: Sequence[Moved], size: float | Sequence[float], row: int = 0
+    ) -> tuple[np.ndarray, Session]:
         """(M,) what a change does to the whitened readings beside the measuring frame, and the session."""
         before = self.measured((), 0.0, noisy=False)
         after = joined(before, self.measured(moved, size, noisy=False), row)

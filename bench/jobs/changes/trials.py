@@ -103,9 +103,7 @@ def name_of(name: str) -> str:
     return name.partition("@")[0]
 
 
-def landed(
-    drawn: Pair, moved: Sequence[Moved], sizes: Sequence[float], found: Changes, same: bool
-) -> dict[str, float]:
+def landed(drawn: Pair, moved: Sequence[Moved], sizes: Sequence[float], found: Changes, same: bool) -> dict[str, float]:
     """[µm] RMS in MuJoCo of the stale model, after an update from the second session, and after a full recalibration
     from as many rows as the first session had."""
     if not found.sets:
@@ -113,9 +111,14 @@ def landed(
     truth = drawn.truth(moved, sizes)
     data = drawn.second(moved, sizes)
     parts = [m.candidate.hypothesis if m.slip is None else m.slip.hypothesis for m in found.sets[0].members]
-    again = drawn.measured(moved, sizes, plans.make(drawn.robot, "random", pairs.FIRST, seed=drawn.seed + 5), drawn.seed + 6)
+    plan = plans.make(drawn.robot, "random", pairs.FIRST, tools=pairs.tools(drawn.robot), seed=drawn.seed + 5)
+    again = drawn.measured(moved, sizes, plan, drawn.seed + 6)
     try:
-        models = (drawn.model, update(drawn.model, data, parts, same).model, identification.fit(again, drawn.robot).model)
+        models = (
+            drawn.model,
+            update(drawn.model, data, parts, same).model,
+            identification.fit(again, drawn.robot).model,
+        )
     except FitError:
         return {"landed_update": float("inf")}
     labels = ("landed_before", "landed_update", "landed_full")

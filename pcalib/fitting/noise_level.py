@@ -350,10 +350,13 @@ def _level(
     return NoiseLevel(source, ratio, dof, sigma_q, typical[0], typical[1], data.stated)
 
 
+def covariance(level: NoiseLevel, blocks: Blocks) -> np.ndarray:
+    """(N, 6, 6) covariance of every pose's measured readings, in stated noise units; 0 where nothing is measured."""
+    variance = np.r_[level.ratio**2, (level.sigma_q / blocks.unit) ** 2]
+    return np.einsum("k,knij->nij", variance, blocks.components())
+
+
 def whitener(level: NoiseLevel, blocks: Blocks) -> np.ndarray:
     """(N, 6, 6) inverse Cholesky factor of every pose's covariance, from stated noise units to the level's."""
-    S = blocks.components()
-    variance = np.r_[level.ratio**2, (level.sigma_q / blocks.unit) ** 2]
-    total = np.einsum("k,knij->nij", variance, S)
-    total += np.einsum("ni,ij->nij", ~blocks.measured, np.eye(6))
+    total = covariance(level, blocks) + np.einsum("ni,ij->nij", ~blocks.measured, np.eye(6))
     return np.linalg.inv(np.linalg.cholesky(total))
