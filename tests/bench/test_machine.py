@@ -164,3 +164,18 @@ def test_no_pose_depends_on_the_others(seed, n):
     together = machine.land(q, TOOL).tcp
     one_by_one = np.concatenate([machine.land(row[None], TOOL).tcp for row in q[::-1]])[::-1]
     assert (together == one_by_one).all()
+
+
+@pytest.mark.parametrize("file", ["delta_small", "delta_large"])
+def test_other_deltas(file):
+    path = MODELS / f"{file}.toml"
+    if not path.exists():
+        pytest.skip("no such robot file")
+    other = robots.load(path)
+    low, high = other.joint_range
+    q = np.random.default_rng(3).uniform(low, high, (200, 3))
+    core = kinematics.forward(other.mechanism, other.mechanism.nominal, q)
+    landing = Machine(other).land(q)
+    assert (landing.ok == core.ok).mean() > 0.99 and landing.ok.mean() > 0.5
+    both = landing.ok & core.ok
+    assert np.abs(landing.x - core.pose.x)[both].max() <= 1e-10
