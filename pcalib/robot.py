@@ -31,6 +31,8 @@ WORKSPACE = (
 )
 GRAVITY = Setting("vector", "acceleration", low=-1e3, high=1e3, count=3)
 RIPPLE = Setting("ripple_per_turn", "whole", low=1, high=1e5, count=ANY)
+_TRIED = 2000
+"""Commands that are tried where a robot file has no workspace."""
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
@@ -109,6 +111,31 @@ def parse(text: str, source: str | Path = "robot") -> Robot:
         return from_table(table, text)
 
 
+def _found_workspace(mechanism: Mechanism, low: float, high: float) -> Workspace:
+    """The working cylinder of a robot file that states none: where the middle four fifths of the joint range lead.
+
+    Raises:
+        InputError: hardly any command of the joint range closes the loops.
+    """
+    from pcalib.mechanics import kinematics
+
+    q = np.random.default_rng(0).uniform(low, high, (_TRIED, len(mechanism.actuators)))
+    found = kinematics.forward(mechanism, mechanism.nominal, q)
+    x, R = found.pose.x[found.ok], found.pose.R[found.ok]
+    if len(x) < _TRIED // 20:
+        remedy = "check [geometry] and [joints], or write [workspace]: radius_mm, z_min_mm, z_max_mm"
+        raise InputError("no workspace is found: hardly any command in the joint range is one that the robot can take",
+                         section="joints", key="min", remedy=remedy)  # fmt: skip
+    z_min, z_max = np.quantile(x[:, 2], (0.1, 0.9))
+    if z_max - z_min < 1e-6:  # a robot that moves in a plane
+        z_min, z_max = z_min - 1e-3, z_max + 1e-3
+    tilt = yaw = 0.0
+    if {3, 4, 5} & set(mechanism.task):
+        tilt = float(np.quantile(np.arccos(np.clip(R[:, 2, 2], -1, 1)), 0.8))
+        yaw = float(np.quantile(np.abs(np.arctan2(R[:, 1, 0] - R[:, 0, 1], R[:, 0, 0] + R[:, 1, 1])), 0.8))
+    return Workspace(float(np.quantile(np.hypot(x[:, 0], x[:, 1]), 0.8)), float(z_min), float(z_max), tilt, yaw)
+
+
 def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
     """A robot from its parsed TOML table."""
     for key in table:
@@ -126,7 +153,10 @@ def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
     joints = section(table, "joints", [Setting(end, dimension, low=-largest, high=largest) for end in ("min", "max")])
     if not joints["min"] < joints["max"]:
         raise InputError("[joints] min must be below max", section="joints", key="min")
-    workspace = Workspace(**section(table, "workspace", WORKSPACE))
+    if "workspace" in table:
+        workspace = Workspace(**section(table, "workspace", WORKSPACE))
+    else:
+        workspace = _found_workspace(kind.build(dimensions), joints["min"], joints["max"])
     if not workspace.z_min < workspace.z_max:
         raise InputError("[workspace] z_min must be below z_max", section="workspace", key="z_min")
     mass = section(table, "mass", kind.masses) if "mass" in table else {}

@@ -143,6 +143,15 @@ def test_seven_contacts_of_a_rotary_delta_find_the_zero_that_is_off(tmp_path):
     assert all(abs(v) < 2 * s for name, (v, s) in at.items() if name != "q2.offset")
 
 
+def test_a_bound_that_excludes_the_truth_is_said_to_be_active(capfd, monkeypatch):
+    """l11 is 2 mm longer than drawn, where half a millimetre is allowed."""
+    data, robot = files(("bound_excludes_truth", "delta", "data"))
+    monkeypatch.setenv("COLUMNS", "300")
+    assert cli.main(["fit", str(data), "--robot", str(robot), "--bound", "l11=-0.5,0.5mm"]) == 0
+    said = capfd.readouterr().out
+    assert "l11 lies at its bound" in said and said.splitlines()[-1].endswith("--bound l11=-0.5,0.5mm -o model.toml")
+
+
 def test_right_files_of_the_same_robots_raise_no_doubt():
     for case in (("own_delta", "robot", "plain"), ("inspect_silent", "delta", "delta_ok")):
         data, robot = files(case)

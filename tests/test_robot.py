@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pcalib import kinds, robot
+from pcalib import kinds, robot, workspace
 from pcalib.errors import InputError
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
@@ -110,3 +110,16 @@ def test_messages_list_what_is_accepted(tmp_path):
     with pytest.raises(InputError) as caught:
         robot.parse(DELTA.replace("rod_length_mm", "rod_length"))
     assert "rod_length_um, rod_length_mm, rod_length_cm, rod_length_m" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["delta", "linear_delta", "hexapod", "planar"])
+def test_a_workspace_that_is_left_out_is_found_from_the_joints(name):
+    """It overlaps the one that the file states, and the robot reaches it."""
+    text = (MODELS / f"{name}.toml").read_text(encoding="utf-8")
+    stated = robot.parse(text)
+    start = text.index("[workspace]")
+    end = text.find("\n[", start + 1)
+    found = robot.parse(text[:start] + (text[end:] if end > 0 else ""))
+    a, b = stated.workspace, found.workspace
+    assert 0.3 * a.radius < b.radius < 3 * a.radius and max(a.z_min, b.z_min) < min(a.z_max, b.z_max)
+    assert len(workspace.reachable(found, 20, np.random.default_rng(1)).q) == 20

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,10 +25,14 @@ def say_next(*words: str | Path, why: str = "") -> None:
     print(f"Next: {said}" if not why else f"  {said}")
 
 
-def after_fit(found: Fit, data: Path, robot: Path, model: Path | None) -> None:
-    """What to do with a fit: keep it, find what it misses, or use it."""
+def after_fit(found: Fit, data: Path, robot: Path, model: Path | None, chosen: Sequence[str] = ()) -> None:
+    """What to do with a fit: keep it, find what it misses, or use it.
+
+    Args:
+        chosen: options of the fit that its model depends on.
+    """
     if model is None:
-        say_next("fit", data, "--robot", robot, "-o", "model.toml", why="to keep the model")
+        say_next("fit", data, "--robot", robot, *chosen, "-o", "model.toml", why="to keep the model")
     else:
         after_model(found, data, model)
 

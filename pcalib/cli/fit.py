@@ -136,7 +136,11 @@ def command(
         say(f"Model written to {output}.")
     if report is not None:
         say(f"Report written to {report}.")
-    after_fit(found, data, robot, output)
+    chosen = ["--level", level] if level != "complete" else []
+    chosen += [word for spec in effect for word in ("--effect", spec)]
+    chosen += [word for names in fix for word in ("--fix", names)]
+    chosen += [word for text in bound for word in ("--bound", text)]
+    after_fit(found, data, robot, output, chosen)
     return None
 
 
