@@ -23,7 +23,7 @@ _OURS = re.compile(r"r?[xyz]|q\d+|tool_[xyz]", re.IGNORECASE)
 _QUATERNION = re.compile(r"(?:q|quat|quaternion|orientation)_?([wxyz])", re.IGNORECASE)
 _UNITS = {"°": "deg", "degree": "deg", "degrees": "deg", "µm": "um", "μm": "um", "radians": "rad"}
 _COMMAND = re.compile(r"q\d+(_.*)?")
-_DRIVE = re.compile(r"[^\W\d_]+[ _]?(\d+)")
+_DRIVE = re.compile(r"(?!dir)[^\W\d_]+[ _]?(\d+)")
 """Names of joints in the exports of controllers and trackers: J1, Axis 1, theta_1, Achse1."""
 _OTHERS = {"x": "x_mm", "y": "y_mm", "z": "z_mm", "rx": "rx_deg", "ry": "ry_deg", "rz": "rz_deg"} | {
     "a": "rz_deg", "b": "ry_deg", "c": "rx_deg", "roll": "rx_deg", "pitch": "ry_deg", "yaw": "rz_deg"
@@ -42,7 +42,8 @@ def read(path: str | Path) -> Table:
     if "columns" in table.metadata:
         return _named(table, [name.strip() for name in table.metadata["columns"].split(",")])
     named = [_plain(name) for name in table.columns]
-    if not any(map(_COMMAND.fullmatch, named)) and {"x", "y", "z"} & set(map(str.lower, named)):
+    bare = {"x", "y", "z"} & set(map(str.lower, named))
+    if bare and any(map(_DRIVE.fullmatch, named)) and not any(map(_COMMAND.fullmatch, named)):
         _refuse(table)
     for name in (name for name in named if named.count(name) > 1):
         raise table.error(f"two columns are called '{name}', however they are spelled", remedy="keep one of them")
