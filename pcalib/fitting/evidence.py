@@ -113,7 +113,7 @@ def prior_scale(rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: n
 
 
 def priors(
-    rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.ndarray
+    rows: np.ndarray, u: np.ndarray, prior: np.ndarray, geometric: np.ndarray, readings: int
 ) -> tuple[float, np.ndarray]:
     """The common scale of the priors of the geometry, and factors (n_geometric,) of gross errors beside it.
 
@@ -122,13 +122,16 @@ def priors(
     drawing but something that the model misses, and are given no room.
 
     Args:
-        rows, u, prior, geometric: as of :func:`prior_scale`.
+        rows, u, prior, geometric: as of :func:`prior_scale`; all unknowns are in `rows`.
+        readings: how many are behind `rows`. What no unknown explains of them makes all of them count less.
     """
+    left = rows[-1, -1] ** 2 / max(readings - len(u), 1) if len(rows) > len(u) else 0.0
+    doubted = rows / np.sqrt(max(1.0, left))
     size, wide, gross = np.ones(len(u)), prior.copy(), np.ones(len(geometric))
     scale = 1.0
     for _ in range(_TURNS):
         wide[geometric] = scale * gross * prior[geometric]
-        there = u + least_squares.solve(rows, -u, wide)[0]
+        there = u + least_squares.solve(doubted, -u, wide)[0]
         before, gross = gross, gross_errors((there / prior)[geometric], scale)
         size[geometric] = gross
         scale = prior_scale(rows * np.append(size, 1.0), u / size, prior, geometric)

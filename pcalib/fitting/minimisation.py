@@ -203,7 +203,7 @@ def reweigh_priors(task: Task, state: State) -> State:
     weights = state.weights
     prior = task.prior.copy()
     prior[task.effects] = weights.room
-    scale, gross = evidence.priors(state.rows, state.u, prior, task.geometric)
+    scale, gross = evidence.priors(state.rows, state.u, prior, task.geometric, int(task.data.mask.sum()))
     weights = replace(weights, scale=scale, gross=gross)
     return replace(state, weights=weights, stale=False)
 
