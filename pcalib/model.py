@@ -13,6 +13,7 @@ from pcalib.mechanics.kinematics import RIGID, Deviation
 from pcalib.mechanics.mechanism import Pose
 from pcalib.posterior import Posterior
 from pcalib.robot import Robot
+from pcalib.unexplained import Unexplained
 
 
 @dataclass(frozen=True)
@@ -103,6 +104,8 @@ class Model:
     """Covariance of geometry and effects from the fit; None where it is not known."""
     options: FitOptions = FitOptions()
     """How it was fitted."""
+    uncertainty: Unexplained | None = None
+    """What the fit left unexplained, and the conditions that were measured; None where it is not known."""
     time_origin: float | None = None
     """[s] reading of the data's clock from which effects count time: that of the first row that was fitted."""
     history: tuple[Mapping[str, Any], ...] = ()

@@ -21,6 +21,7 @@ from pcalib.mechanics.mechanism import Level, Mechanism
 from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Frame, Model
 from pcalib.posterior import Posterior
 from pcalib.settings import ABSENT, Setting, is_number, read
+from pcalib.unexplained import Unexplained
 
 SCHEMA = "pcalib.model/1"
 _AGAIN = "the file is damaged or was edited: write it anew with 'pcalib fit … -o'"
@@ -83,6 +84,8 @@ def dumps(model: Model, statistics: Mapping[str, Any] | None = None) -> str:
         table["parameters"][name] = entry
     if model.posterior is not None and model.posterior.names == model.unknowns:
         table["posterior"] = model.posterior.to_table()
+        if model.uncertainty is not None:
+            table["uncertainty"] = _plain(model.uncertainty.to_table())
     table["history"] = [_plain(h) for h in model.history]
     if not model.robot.text:
         raise InputError(f"robot '{model.robot.name}' came from no file", remedy="read it with pcalib.robot.load")
@@ -141,7 +144,11 @@ def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
     made = Model(described, k, level, effects, frame, known, None, options, origin, _history(table))
     if "posterior" not in table:  # files of earlier versions have none
         return made
-    return replace(made, posterior=Posterior.from_table(_table(table, "posterior"), made.unknowns))
+    made = replace(made, posterior=Posterior.from_table(_table(table, "posterior"), made.unknowns))
+    if "uncertainty" not in table:
+        return made
+    kept = Unexplained.from_table(_table(table, "uncertainty"), len(mechanism.actuators))
+    return replace(made, uncertainty=kept)
 
 
 def _history(table: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
@@ -181,6 +188,7 @@ def restore(model: Model, entry: Mapping[str, Any], effect_files: Sequence[str] 
         options=_options_from(entry, model.robot.mechanism.levels[level]),
         sigma=None,
         posterior=None,
+        uncertainty=None,
     )
 
 

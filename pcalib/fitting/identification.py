@@ -279,5 +279,5 @@ def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray, known:
     half = known.unknowns[: g + unknowns.n_effects]
     whole = np.zeros((free + unknowns.n_effects, half.shape[1]))
     whole[rows] = half
-    fitted = replace(model, sigma=sigma, effects=tuple(effects))
+    fitted = replace(model, sigma=sigma, effects=tuple(effects), uncertainty=None)
     return replace(fitted, posterior=Posterior.of(fitted.unknowns, whole, known.left))

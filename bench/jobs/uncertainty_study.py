@@ -1,0 +1,279 @@
+"""Whether the stated uncertainty is true: robots are calibrated, commanded in MuJoCo, and their misses compared with u95.
+
+    scripts/uncertainty_study                  # the whole: about fifteen minutes on two cores
+    scripts/uncertainty_study --quick          # a few robots of each sort
+
+Four parts, each with its own random robots. `nothing`: nothing is hidden, all kinds. `hidden`: one fault is hidden, and
+the geometry is fitted alone. `added`: the same, with the effect added that describes it. `accept`: acceptance tests of
+robots of which about half are good enough. A cell holds when its coverage is as docs/uncertainty.md promises.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from bench import faults, plan, pool, simulate
+from bench import truth as truths
+from bench.batch import BatchMachine, possible
+from bench.commands import Commands
+from bench.jobs.hidden import catalogue
+from bench.jobs.hidden.catalogue import CATALOGUE
+from bench.jobs.hidden.design import Design
+from bench.jobs.hidden.stage import SIGMA_ANGLE, SIGMA_LENGTH
+from bench.truth import Truth
+from pcalib import compensation, effects, workspace
+from pcalib import robot as robots
+from pcalib.data.measurement import Measurements
+from pcalib.errors import PcalibError
+from pcalib.fitting import identification
+from pcalib.model import Conditions, FittedEffect, Model
+from pcalib.robot import Robot
+from pcalib.uncertainty import assessed, expect
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+KINDS = ("delta", "hexa", "hexa321", "h4", "linear_delta", "hexapod", "planar")
+POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), (0.0, 0.0, -0.3))
+"""[m] Tools, measured and commanded."""
+PLANAR_POINTS = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0))
+TARGETS = 24
+"""Landings per robot."""
+BOUNDS = {"nothing": (0.93, 0.97), "hidden": (0.93, 1.0), "added": (0.92, 0.98)}
+"""Share of landings inside u95 that each part must have."""
+WIDEST = {"nothing": 1.5, "hidden": 3.0, "added": 1.5}
+"""Mean u95 over the radius that contains 95 % of all misses of the cell, which only an oracle knows."""
+PLAIN = Design("plain", "plain", points=POINTS, rows=40, check=0)
+RICH = Design("rich", points=POINTS)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One robot."""
+
+    part: str
+    cell: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Landed:
+    """What came of it."""
+
+    trial: Trial
+    miss: list[float]
+    """[m] of every landing, and"""
+    u95: list[float]
+    """[m] what was stated for it."""
+    z: list[float]
+    """Errors of identified combinations of parameters in units of their stated σ."""
+
+
+def trials(robots_each: int, seed: int, parts: Sequence[str]) -> Iterator[Trial]:
+    """All robots of the study; cells of a part have as many each."""
+    for part in parts:
+        cells = [f"{kind} {kind_of}" for kind in KINDS for kind_of in ("pose", "position")]
+        if part != "nothing":
+            cells = [name for name, what in CATALOGUE.items() if part == "hidden" or what.effect is not None]
+        for cell in cells:
+            for i in range(robots_each):
+                yield Trial(part, cell, int(np.random.SeedSequence([seed, zlib.crc32(cell.encode()), i]).generate_state(1)[0]))
+
+
+def run(trial: Trial) -> Landed | None:
+    """Calibrate a robot and command it; None where the fit refuses."""
+    try:
+        return _nothing(trial) if trial.part == "nothing" else _fault(trial)
+    except PcalibError:
+        return None
+
+
+def _nothing(trial: Trial) -> Landed:
+    kind, reads = trial.cell.split()
+    robot = _robot(kind)
+    errors = truths.draw_errors(robot, SIGMA_LENGTH, SIGMA_ANGLE, trial.seed)
+    points = PLANAR_POINTS if kind == "planar" else POINTS
+    design = Design("plain", "plain", reads == "pose", points=points, rows=40, check=0)
+    truth = Truth(robot, errors, design.instrument())
+    if possible(robot):
+        machine = _batch(kind)
+        machine.become(truth.values)
+    else:
+        machine = truth.machine()
+    made = plan.make(robot, "plain", design.rows, tools=design.tools, seed=trial.seed)
+    data = simulate.run(truth, made, trial.seed, machine=machine).measurements
+    fit = identification.fit(data, robot)
+    model = assessed(fit)
+    rng = np.random.default_rng([1, trial.seed])
+    tool = np.array(points)[np.arange(TARGETS) % 3]
+    conditions = Conditions(tool, np.zeros(TARGETS), {})
+    return Landed(trial, *_command(model, machine, conditions, rng), _pulls(model, errors))
+
+
+def _fault(trial: Trial) -> Landed:
+    robot, rng = _robot("delta"), np.random.default_rng([2, trial.seed])
+    what = CATALOGUE[trial.cell]
+    known = (faults.make(robot, "drive_compliance", catalogue.BELTS),) if what.companion else ()
+    truth = Truth(
+        robot, truths.draw_errors(robot, SIGMA_LENGTH, SIGMA_ANGLE, trial.seed), RICH.instrument(),
+        (*known, what.draw(robot, rng)),
+    )  # fmt: skip
+    machine = truth.machine()
+    made = plan.make(robot, "rich", RICH.rows, check=RICH.check, tools=RICH.tools, seed=trial.seed)
+    data = simulate.run(truth, made, trial.seed, machine=machine).measurements
+    specs = ["drive_compliance"] * what.companion + [str(what.effect)] * (trial.part == "added")
+    found = [effects.parse(spec, robot) for spec in specs]
+    started = [FittedEffect(e, np.zeros(len(e.parameters)), s) for e, s in zip(found, specs, strict=True)]
+    model = assessed(identification.fit(data, robot, effects=started))
+    return Landed(trial, *_command(model, machine, _like(data, rng), rng), [])
+
+
+def _like(data: Measurements, rng: np.random.Generator) -> Conditions:
+    """Conditions of rows drawn from the data."""
+    rows = rng.integers(len(data), size=TARGETS)
+    return Conditions(data.tool[rows], data.payload[rows], {c: v[rows] for c, v in data.columns.items()})
+
+
+def _command(
+    model: Model, machine: simulate.Robotic, conditions: Conditions, rng: np.random.Generator
+) -> tuple[list[float], list[float]]:
+    """Misses and what was stated for them [m], at random places."""
+    robot = model.robot
+    there = workspace.reachable(robot, TARGETS, rng).pose
+    turned = there.R if {3, 4, 5} & set(robot.mechanism.task) else None
+    wanted = there.x + (conditions.tool if turned is None else (there.R @ conditions.tool[..., None])[..., 0])
+    made = compensation.compensate(model, wanted, rotation_matrix=turned, conditions=conditions, limits=False)
+    stated = expect(model, made.q, conditions).u95
+    asked = Commands.of(np.nan_to_num(made.q), conditions.tool, conditions.payload, **conditions.columns)
+    landing = machine.run(asked)
+    axes = [c for c in range(3) if c in robot.mechanism.task]
+    miss = np.linalg.norm((landing.tcp - wanted)[:, axes], axis=1)
+    good = landing.ok & np.isfinite(stated) & np.isfinite(miss)
+    return miss[good].tolist(), stated[good].tolist()
+
+
+def _pulls(model: Model, errors: np.ndarray) -> list[float]:
+    """Errors of the level's coordinates along the posterior's axes, over the σ stated of them."""
+    posterior = model.posterior
+    assert posterior is not None
+    level = model.robot.mechanism.levels[model.level]
+    g = len(level.columns)
+    off = np.linalg.lstsq(level.basis, model.errors - errors, rcond=None)[0]
+    scale = np.sqrt(np.sum(posterior.factor[:g] ** 2, axis=1))
+    scale = np.where(scale > 0, scale, 1.0)
+    _, s, Vt = np.linalg.svd((posterior.factor[:g] / scale[:, None]).T, full_matrices=False)
+    seen = s > 1e-6 * s[0]
+    return ((Vt @ (off / scale))[seen] / s[seen]).tolist()
+
+
+_kept: dict[str, Robot] = {}
+_machines: dict[str, BatchMachine] = {}
+
+
+def _robot(kind: str) -> Robot:
+    if kind not in _kept:
+        _kept[kind] = robots.load(MODELS / f"{kind}.toml")
+    return _kept[kind]
+
+
+def _batch(kind: str) -> BatchMachine:
+    if kind not in _machines:
+        _machines[kind] = BatchMachine(_robot(kind))
+    return _machines[kind]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Robots of one sort."""
+
+    part: str
+    cell: str
+    robots: int
+    refused: int
+    coverage: float
+    """Share of landings inside u95, and"""
+    error: float
+    """its standard error: landings of one robot are not independent."""
+    mean_um: float
+    oracle_um: float
+    sigma_coverage: float
+    """Share of 95 % intervals of parameter combinations that hold the truth; NaN where it was not asked."""
+
+    @property
+    def ratio(self) -> float:
+        """Mean u95 over the oracle's."""
+        return self.mean_um / self.oracle_um
+
+    @property
+    def holds(self) -> bool:
+        """Whether coverage is as promised, within twice its standard error, and u95 not too large."""
+        low, high = BOUNDS[self.part]
+        return low - 2 * self.error <= self.coverage <= high + 2 * self.error and self.ratio <= WIDEST[self.part]
+
+
+def gather(found: Sequence[tuple[Trial, Landed | None]]) -> list[Cell]:
+    """One cell for each sort of robots, and one for all of a part."""
+    out = []
+    for part in dict.fromkeys(trial.part for trial, _ in found):
+        mine = [(t, landed) for t, landed in found if t.part == part]
+        names = list(dict.fromkeys(t.cell for t, _ in mine))
+        for name in [*names, "all"]:
+            some = [landed for t, landed in mine if name in ("all", t.cell)]
+            ok = [landed for landed in some if landed is not None and landed.miss]
+            if not ok:
+                continue
+            miss, stated = (np.concatenate([getattr(x, key) for x in ok]) for key in ("miss", "u95"))
+            share = np.array([np.mean(np.array(x.miss) <= np.array(x.u95)) for x in ok])
+            z = np.concatenate([x.z for x in ok])
+            out.append(
+                Cell(
+                    part, name, len(ok), len(some) - len(ok), float(np.mean(miss <= stated)),
+                    float(np.std(share) / np.sqrt(len(ok))), float(stated.mean() * 1e6),
+                    float(np.quantile(miss, 0.95) * 1e6),
+                    float(np.mean(np.abs(z) <= 1.96)) if len(z) else float("nan"),
+                )
+            )  # fmt: skip
+    return out
+
+
+def show(cells: Sequence[Cell]) -> None:
+    """Print the cells as a table."""
+    print(f"{'part':8} {'cell':22} robots refused  inside      mean u95   oracle  ratio  σ inside")
+    for c in cells:
+        sigma = "" if np.isnan(c.sigma_coverage) else f"{c.sigma_coverage:8.1%}"
+        print(
+            f"{c.part:8} {c.cell:22} {c.robots:6} {c.refused:7}  {c.coverage:.1%} ±{c.error:.1%} {c.mean_um:8.1f} "
+            f"{c.oracle_um:8.1f} {c.ratio:6.2f}  {sigma} {'' if c.holds or c.cell == 'all' else '✗'}"
+        )
+
+
+def main(arguments: list[str]) -> int:
+    """Print the table; 1 where a cell does not hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="two robots of each sort")
+    parser.add_argument("-n", "--robots", type=int, default=75, help="robots of each sort where nothing is hidden")
+    parser.add_argument("--part", action="append", choices=list(BOUNDS), help="only this part; several times")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--json", type=Path, help="also write the cells")
+    said = parser.parse_args(arguments)
+    parts = said.part or list(BOUNDS)
+    count = 2 if said.quick else said.robots
+    todo = list(trials(count, said.seed, parts))
+    answers = pool.ordered(partial(run), todo, said.workers) if said.workers > 1 else map(run, todo)
+    cells = gather(list(zip(todo, answers, strict=True)))
+    show(cells)
+    if said.json:
+        said.json.write_text(json.dumps([asdict(c) | {"holds": c.holds} for c in cells], indent=1) + "\n")
+    return 0 if said.quick or all(c.holds for c in cells if c.cell != "all") else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

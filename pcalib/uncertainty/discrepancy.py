@@ -1,0 +1,244 @@
+"""What a fit leaves unexplained beyond the noise, from rows that it was not fitted to.
+
+Rows that were held out are predicted as they are. Every other row i is predicted by the fit without it, which needs no
+refit: with whitened residuals z_i and leverage H_i = B_i·C·B_iᵀ, B_i the row's whitened derivatives and C the
+posterior covariance, the residual of the fit without the row is (I − H_i)⁻¹·z_i, and its covariance is (I − H_i)⁻¹
+where nothing is missing; that of a held-out row is I + H_i (Cook and Weisberg 1982). What the squares of these
+residuals have beyond that covariance is unexplained: rotations give the turn of the plate, and positions, at tools
+of any length, the shift that is left when the turn is accounted for (:mod:`pcalib.unexplained`).
+
+The estimate is unbiased, not below zero, and one standard error larger where the misfit is significant. Residuals of
+a missing effect are not normal. Shift and turn are therefore scaled until at least 95 % of the rows lie inside of
+what is predicted for them (split conformal prediction, Vovk 2005): of all rows, and of the held-out rows by themselves
+where there are enough of them and too few lie inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pcalib import prediction
+from pcalib.data import replicates
+from pcalib.data.measurement import Measurements
+from pcalib.data.noise import Noise
+from pcalib.fitting.identification import Fit
+from pcalib.fitting.linearisation import ROWS, conditions_of, linearise
+from pcalib.model import Model
+from pcalib.unexplained import Envelope, Unexplained
+from pcalib.uncertainty import radius
+
+FEWEST_HELD_OUT = 20
+"""Held-out rows from which on they are judged by themselves: the largest of 19 residuals is the 95 % point."""
+SIGNIFICANT = 1.645
+"""Standard errors beyond which a misfit is significant, with a risk of 5 %."""
+FEWEST_REPLICATES = 10
+"""Degrees of freedom of replicates from which on their scatter, known to a quarter, may correct the stated σ."""
+FAR = 10.0
+"""Times the median residual beyond which a row is gross, and left aside."""
+GROSS = 0.05
+"""Share of rows that may be gross; more of them are a misfit."""
+DIFFERENT = 0.1
+"""Relative spread of the tools' effect on positions from which on shift and turn can be told apart by positions."""
+
+
+def assessed(fit: Fit) -> Model:
+    """The fitted model with what it leaves unexplained.
+
+    Raises:
+        FitError: the fit is not usable.
+    """
+    model, data = fit.model, fit.data
+    p = prediction.predict(model, data.q, conditions_of(data))
+    if model.posterior is None:
+        return model
+    factor = _factor(data)
+    rows = _left_out(fit, factor)
+    arm = (p.pose.R @ p.tool[..., None])[..., 0]
+    if model.frame is not None:
+        arm = arm @ model.frame.rotation.T
+    lever = np.einsum("ni,ni->n", arm, arm)[:, None] - arm**2
+    shift, turn = _split(rows, lever, _half_width(model))
+    envelope = Envelope.of(data.tool, data.payload, p.pose.x, data.q, data.columns)
+    found = Unexplained(shift, turn, factor, 0, 0, 0, envelope)
+    judged = rows.usable & rows.seen[:, :3].any(axis=1)
+    held = judged & data.check
+    scale = _scale(rows, found.covariance(arm), judged)
+    enough = int(held.sum()) >= FEWEST_HELD_OUT
+    if enough and _too_few(rows.inside(scale**2 * found.covariance(arm))[held]):
+        scale = max(scale, _scale(rows, found.covariance(arm), held))
+    inside = rows.inside(scale**2 * found.covariance(arm))
+    counted = held if enough else judged
+    found = replace(
+        found, shift=scale * shift, turn=scale * turn, rows=int(counted.sum()), inside=int(inside[counted].sum()),
+        held_out=int(counted.sum()) if enough else 0,
+    )  # fmt: skip
+    return replace(model, uncertainty=found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """N rows, each predicted by a fit without it."""
+
+    error: np.ndarray
+    """(N, 6) [m, rad] measured − predicted; 0 where not measured."""
+    covariance: np.ndarray
+    """(N, 6, 6) of it where nothing is missing; 0 where not measured."""
+    seen: np.ndarray
+    """(N, 6) bool."""
+    usable: np.ndarray
+    """(N,) bool: predicted, and not gross."""
+
+    @property
+    def excess(self) -> np.ndarray:
+        """(N, 6) squares of the errors beyond what noise and parameters make."""
+        return self.error**2 - np.diagonal(self.covariance, axis1=1, axis2=2)
+
+    def standard_error(self, some: np.ndarray) -> float:
+        """Of the mean excess over readings `some` (N, 6), where nothing is missing: var Σe² = 2·tr Σ²."""
+        both = some[:, :, None] & some[:, None, :]
+        return float(np.sqrt(2 * np.sum(np.where(both, self.covariance, 0.0) ** 2)) / max(some.sum(), 1))
+
+    def inside(self, left: np.ndarray) -> np.ndarray:
+        """(N,) bool: positions within u95 of noise, parameters, and what is left with covariance (N, 3, 3)."""
+        return np.linalg.norm(self.error[:, :3], axis=1) <= radius.containing(self._with(left))
+
+    def _with(self, left: np.ndarray) -> np.ndarray:
+        seen = self.seen[:, :3]
+        return self.covariance[:, :3, :3] + np.where(seen[:, :, None] & seen[:, None, :], left, 0.0)
+
+
+def _left_out(fit: Fit, factor: float) -> _Rows:
+    """Every row, predicted without it."""
+    data, n = fit.data, len(fit.data)
+    error, covariance = np.zeros((n, 6)), np.zeros((n, 6, 6))
+    noise = fit.noise.scaled(np.full(2, factor))
+    eye = np.eye(6)
+    for part, B in _derivatives(fit, noise):
+        held, now = data.check[part], noise.take(part)
+        H = factor**2 * (B @ fit.covariance @ np.swapaxes(B, -1, -2))
+        alone = np.linalg.inv(eye - np.where(held[:, None, None], 0.0, _bounded(H)))
+        whitened = now.padded(np.where(now.measured, np.nan_to_num(fit.error[part]), 0.0))
+        back = np.where(now.measured[:, :, None] & now.measured[:, None, :], np.linalg.inv(now.whitener), 0.0)
+        error[part] = (back @ (alone @ whitened[..., None]))[..., 0]
+        inner = np.where(held[:, None, None], eye + H, alone)
+        covariance[part] = back @ inner @ np.swapaxes(back, -1, -2)
+    seen = noise.measured & np.isfinite(fit.error)
+    times = np.sqrt(np.sum((error / noise.sigma) ** 2 * seen, axis=1) / np.maximum(seen.sum(axis=1), 1))
+    usable = seen.any(axis=1)
+    far = usable & (times > FAR * np.median(times[usable])) if usable.any() else ~usable
+    if far.mean() > GROSS:
+        far = np.zeros(n, bool)
+    return _Rows(np.where(seen, error, 0.0), covariance, seen, usable & ~far)
+
+
+def _derivatives(fit: Fit, noise: Noise) -> Iterator[tuple[slice, np.ndarray]]:
+    """Slices of the rows, and their whitened derivatives (n, 6, unknowns)."""
+    for start in range(0, len(fit.data), ROWS):
+        part = slice(start, min(start + ROWS, len(fit.data)))
+        now = noise.take(part)
+        linear = linearise(fit.candidate, fit.data.take(part), fit.unknowns, noise=now)
+        B = np.zeros((len(now), 6, linear.jacobian.shape[1]))
+        B[linear.row, linear.component] = linear.jacobian
+        yield part, B
+
+
+def _bounded(H: np.ndarray) -> np.ndarray:
+    """Leverages with eigenvalues of at most 0.99: a row on which a direction depends alone says nothing of it."""
+    values, vectors = np.linalg.eigh(H)
+    return (vectors * np.clip(values, 0.0, 0.99)[:, None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+def _factor(data: Measurements) -> float:
+    """Noise over the stated one, where replicates show beyond doubt that it is another; else 1."""
+    seen = replicates.noise(data)
+    from scipy.special import gammaincinv
+
+    ratios = [(r, d) for r, d in ((seen.ratio_pos, seen.dof_pos), (seen.ratio_rot, seen.dof_rot)) if d > 0]
+    dof = sum(d for _, d in ratios)
+    if dof < FEWEST_REPLICATES:
+        return 1.0
+    square = sum(d * r**2 for r, d in ratios) / dof
+    low, high = (2 * gammaincinv(dof / 2, p) / dof for p in (0.005, 0.995))
+    return float(np.sqrt(square)) if not low <= square <= high else 1.0
+
+
+def _half_width(model: Model) -> float:
+    """[m] RMS distance of the plate's joints from their middle: an error of one rod shifts the plate by its like, and
+    turns it by that over this length."""
+    mechanism = model.robot.mechanism
+    points = mechanism.plate_points(model.k)
+    return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
+
+
+def _split(rows: _Rows, lever: np.ndarray, half_width: float) -> tuple[float, float]:
+    """Standard deviations [m, rad] of the plate's shift and turn per component.
+
+    Args:
+        lever: (N, 3) [m²] variance of each component of the position by a turn of unit variance.
+        half_width: [m] of the plate, for positions that do not tell shift and turn apart.
+    """
+    some = rows.seen & rows.usable[:, None]
+    moved, turned = some.copy(), some.copy()
+    moved[:, 3:] = False
+    turned[:, :3] = False
+    excess, out = rows.excess, []
+    turn = shift = 0.0
+    if turned.any():
+        turn = _allowed(float(excess[turned].mean()), rows.standard_error(turned))
+    if not moved.any():
+        return turn * half_width, float(turn)
+    own, x = excess[:, :3][moved[:, :3]], lever[moved[:, :3]]
+    error = rows.standard_error(moved)
+    if turned.any():
+        shift = _allowed(float(np.mean(own - turn**2 * x)), error)
+    elif np.std(x) > DIFFERENT * max(half_width**2, float(x.mean())):
+        from scipy.optimize import nnls
+
+        (square, turn2), _ = nnls(np.stack([np.ones_like(x), x], axis=1), own)
+        turn, shift = float(np.sqrt(turn2)), float(np.sqrt(square))
+        if np.mean(own) > SIGNIFICANT * error:  # the part that is there becomes one standard error larger
+            grown = np.sqrt(1 + error / max(float(np.mean(own)), error))
+            turn, shift = turn * grown, shift * grown
+    else:
+        shift = _allowed(float(own.mean()), error)
+        turn = shift / half_width
+    return shift, turn
+
+
+def _allowed(square: float, error: float) -> float:
+    """Standard deviation for an excess with this standard error: as estimated, and one error more where significant."""
+    return float(np.sqrt(max(square, 0.0) + (error if square > SIGNIFICANT * error else 0.0)))
+
+
+def _scale(rows: _Rows, left: np.ndarray, some: np.ndarray) -> float:
+    """Factor ≥ 1 on what is unexplained with which the 95 % point of n + 1 rows lies inside."""
+    n = int(some.sum())
+    if n < FEWEST_HELD_OUT - 1 or not np.trace(left, axis1=1, axis2=2)[some].any():
+        return 1.0
+    length = np.linalg.norm(rows.error[some, :3], axis=1)
+    chosen = _Rows(rows.error[some], rows.covariance[some], rows.seen[some], rows.usable[some])
+
+    def point(scale: float) -> float:
+        times = np.sort(length / radius.containing(chosen._with(scale**2 * left[some])))
+        rank = min(radius.COVERAGE * (n + 1), n) - 1
+        return float(np.interp(rank, np.arange(n), times))
+
+    low, high = 1.0, 1.0
+    while point(high) > 1 and high < 64:
+        low, high = high, 2 * high
+    for _ in range(20):
+        if high - low < 1e-3:
+            break
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if point(middle) > 1 else (low, middle)
+    return high
+
+
+def _too_few(inside: np.ndarray) -> bool:
+    """Whether so few rows lie inside that chance makes it in less than 5 %."""
+    from scipy.special import bdtr
+
+    return bool(bdtr(int(inside.sum()), len(inside), radius.COVERAGE) < 0.05)
