@@ -104,12 +104,12 @@ class Model:
     """Covariance of geometry and effects from the fit; None where it is not known."""
     options: FitOptions = FitOptions()
     """How it was fitted."""
-    uncertainty: Unexplained | None = None
-    """What the fit left unexplained, and the conditions that were measured; None where it is not known."""
     time_origin: float | None = None
     """[s] reading of the data's clock from which effects count time: that of the first row that was fitted."""
     history: tuple[Mapping[str, Any], ...] = ()
     """One entry per step (fit, add, drop), oldest first, each with what is needed to go back to it."""
+    uncertainty: Unexplained | None = None
+    """What the fit left unexplained, and the conditions that were measured; None where it is not known."""
 
     @classmethod
     def nominal(cls, robot: Robot) -> Model:

@@ -1,4 +1,4 @@
-"""Whether the stated uncertainty is true: robots are calibrated, commanded in MuJoCo, and their misses compared with u95.
+"""Whether the stated uncertainty is true: robots are calibrated, landed in MuJoCo, and their misses compared with u95.
 
     scripts/uncertainty_study                  # the whole: about fifteen minutes on two cores
     scripts/uncertainty_study --quick          # a few robots of each sort
@@ -84,7 +84,8 @@ def trials(robots_each: int, seed: int, parts: Sequence[str]) -> Iterator[Trial]
             cells = [name for name, what in CATALOGUE.items() if part == "hidden" or what.effect is not None]
         for cell in cells:
             for i in range(robots_each):
-                yield Trial(part, cell, int(np.random.SeedSequence([seed, zlib.crc32(cell.encode()), i]).generate_state(1)[0]))
+                drawn = np.random.SeedSequence([seed, zlib.crc32(cell.encode()), i]).generate_state(1)
+                yield Trial(part, cell, int(drawn[0]))
 
 
 def run(trial: Trial) -> Landed | None:

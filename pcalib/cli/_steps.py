@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pcalib.cli._next import after_model
 from pcalib.cli.frame import say, show_table
@@ -16,20 +17,34 @@ if TYPE_CHECKING:
 
 
 def finish(
-    step: Step, model: Model, data: Path, output: Path, report: Path | None = None, measured: Measurements | None = None
-) -> None:
+    step: Step,
+    model: Model,
+    data: Path,
+    output: Path,
+    report: Path | None = None,
+    measured: Measurements | None = None,
+    effect_files: tuple[str, ...] = (),
+    rivals: Callable[[Model], Model] = lambda fitted: fitted,
+) -> dict[str, Any] | None:
     """Write the model with the step in its history, and print what the step changed.
 
     Args:
         report: HTML file to write too, of the fit after the step to the `measured` rows.
+        rivals: gives the fitted model the explanations that stand beside the step.
+
+    Returns:
+        What to expect of landings, as JSON.
 
     Raises:
         FitError: the refit cannot be trusted; nothing is written.
     """
     from pcalib import modelfile, summary
     from pcalib.diagnosis import telling
+    from pcalib.uncertainty import assessed, outlook
+    from pcalib.uncertainty import rivals as known
 
-    fitted = step.after.model  # refuses with the reason
+    fitted = rivals(assessed(step.after))  # refuses with the reason
+    expected, content = outlook.said(fitted, known.models(fitted, effect_files))
     figures = summary.statistics(step.after)
     entry = modelfile.snapshot(fitted, step.action, effect=step.spec, data=data.name, **figures)
     modelfile.save(output, replace(fitted, history=(*model.history, entry)), figures)
@@ -42,6 +57,9 @@ def finish(
     show_table(telling.BEFORE_AFTER, telling.before_after(step.before, step.after))
     for line in telling.step_lines(step):
         say(f"- {line}")
+    say(f"- {expected}")
+    if others := known.words(fitted):
+        say(f"- These data leave standing as well: {others}. Where they would land the TCP elsewhere counts above.")
     moved = step.moved()
     if moved:
         show_table(
@@ -53,3 +71,4 @@ def finish(
     if report is not None:
         say(f"Report written to {report}.")
     after_model(step.after, data, output)
+    return content

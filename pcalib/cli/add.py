@@ -9,9 +9,13 @@ pcalib add worm_gear.py:WormGear data.csv --model m.toml
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pcalib.cli._inputs import EffectFiles, EffectSpec, ModelOption
 from pcalib.cli.frame import BesideOption, JsonOption, RewriteOption, write_json
+
+if TYPE_CHECKING:
+    from pcalib.model import Model
 
 
 def command(
@@ -39,11 +43,18 @@ def command(
     from pcalib.cli._inputs import read
     from pcalib.cli._steps import finish
     from pcalib.diagnosis import results, steps
+    from pcalib.uncertainty import rivals
 
     if ".py" in effect and effect not in effect_file:
         effect_file = (*effect_file, effect)
     calibrated, measured, own = read(model, data, effect_file)
     step = steps.add(calibrated, measured, effect, own)
-    write_json(json, results.step_json(step))
-    finish(step, calibrated, data, output or model, report, measured)
+    content = results.step_json(step)
+    write_json(json, content)
+
+    def with_rivals(fitted: Model) -> Model:
+        return rivals.kept(fitted, step.before.candidate, measured, effect, own)
+
+    expected = finish(step, calibrated, data, output or model, report, measured, effect_file, with_rivals)
+    write_json(json, content | {"uncertainty": expected})
     return None

@@ -47,6 +47,7 @@ def command(
     from pcalib.errors import InputError
     from pcalib.laws import telling
     from pcalib.laws.verdict import beside
+    from pcalib.uncertainty import outlook, rivals
 
     if not 1 <= most <= 3:
         raise InputError(f"--most {most} effects in one explanation are not searched", remedy="choose 1, 2 or 3")
@@ -54,12 +55,14 @@ def command(
     found = diagnose(calibrated, measured, own, largest=most, seed=seed)
     laws = beside(found, seed)
     proposed = telling.as_json(laws.proposals, None)["laws"] if laws is not None else []
-    write_json(json, {**results.diagnosis_json(found), "laws": proposed})
+    expected, uncertainty = outlook.said(calibrated, rivals.models(calibrated, effect_file))
+    write_json(json, {**results.diagnosis_json(found), "laws": proposed, "uncertainty": uncertainty})
     if report is not None:  # before anything is printed: a closed pipe loses no file
         from pcalib.diagnosis import page
 
         page.write_diagnosis(report, calibrated, found)
     show(found, laws)
+    say(f"Of the model as it is: {expected}")
     if found.verdict == "unexplained" and laws is not None and laws.proposals.families:
         say(f"Next: pcalib propose {data} --model {model} -o laws")
     if report is not None:

@@ -40,5 +40,5 @@ def command(
     calibrated, measured, _ = read(model, data, effect_file)
     step = steps.drop(calibrated, measured, effect)
     write_json(json, results.step_json(step))
-    finish(step, calibrated, data, output or model)
+    finish(step, calibrated, data, output or model, effect_files=effect_file)
     return None

@@ -73,6 +73,7 @@ def command(
     from pcalib.errors import InputError
     from pcalib.fitting import crossvalidation, identification, mixups, trust
     from pcalib.model import Model
+    from pcalib.uncertainty import assessed, outlook
     from pcalib.wording import size
 
     described = robots.load(robot)
@@ -102,10 +103,13 @@ def command(
     elif judged.absurd and not judged.named and not far and not found.accuracy.at_the_noise:
         write_json(json, refused)  # nothing explains the distance, and the fit does not vouch for it either
         raise too_far
-    calibrated = found.model  # or the reason why there is none
+    calibrated = assessed(found)  # or the reason why there is none
+    expected, uncertainty = outlook.said(calibrated)
     doubts = trust.doubts(found, measured)
     shares = visibility.visibility(calibrated, measured)
-    content |= {"doubts": trust.json(doubts), "kappa": shares, "drawing": judged.to_json()}
+    content |= {
+        "doubts": trust.json(doubts), "kappa": shares, "drawing": judged.to_json(), "uncertainty": uncertainty
+    }  # fmt: skip
     write_json(json, content)
     if output is not None:  # before anything is printed: a closed pipe loses no model
         figures = summary.statistics(found)
@@ -119,6 +123,7 @@ def command(
     if said:
         say(f"{said}. {mixups.remedy(judged)}.")
     show(found)
+    say(f"- {expected}")
     for finding in findings.clock(measured):
         say(f"- {finding.message} {finding.remedy}")
     for doubt in doubts:

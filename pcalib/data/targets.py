@@ -16,6 +16,8 @@ from pcalib.errors import InputError
 from pcalib.robot import Robot
 
 STATUS = "status"
+U95, EXTRAPOLATES, COVARIANCE = "u95_um", "extrapolates", "cov_{}{}_um2"
+"""Columns of a command file beside the status, if the model states its uncertainty."""
 OK = "ok"
 
 
@@ -90,16 +92,25 @@ def load_targets(path: str | Path, robot: Robot) -> Targets:
         reach = (rotation.exp(orientation) @ tool[..., None])[..., 0]
     plausibility.targets(columns, robot, position - reach)
     left = {columns.name(q) for q in (*old, STATUS) if q in columns}
+    left |= {U95, EXTRAPOLATES, *(COVARIANCE.format(a, b) for a in "xyz" for b in "xyz")}
     kept = {name: cells for name, cells in table.columns.items() if name not in left}
     return Targets(position, orientation, tool, cols.payload(columns), numeric, kept, table.lines, table.source)
 
 
-def save_commands(path: str | Path, robot: Robot, targets: Targets, q: np.ndarray, status: Sequence[str]) -> None:
+def save_commands(
+    path: str | Path,
+    robot: Robot,
+    targets: Targets,
+    q: np.ndarray,
+    status: Sequence[str],
+    beside: Mapping[str, Sequence[str] | np.ndarray] | None = None,
+) -> None:
     """Write one command per target, in the same order, atomically.
 
     Args:
         q: (N, nq) [rad or m]; left blank in rows whose status is not 'ok'.
         status: N words, 'ok' or why there is no command.
+        beside: further columns, (N,) each, to stand behind the status.
     """
     mechanism = robot.mechanism
     unit = units.UNITS[robot.command_unit]
@@ -109,7 +120,7 @@ def save_commands(path: str | Path, robot: Robot, targets: Targets, q: np.ndarra
         for name, values in zip(mechanism.actuators, np.asarray(q, float).T, strict=True)
     }
     out[STATUS] = [str(word) for word in status]
-    tables.write(path, out | dict(targets.kept), {"robot": robot.name})
+    tables.write(path, out | dict(beside or {}) | dict(targets.kept), {"robot": robot.name})
 
 
 def load_commands(path: str | Path, robot: Robot) -> tuple[np.ndarray, np.ndarray]:

@@ -18,10 +18,12 @@ from pcalib import prediction
 from pcalib.errors import InputError
 from pcalib.mechanics.mechanism import Pose
 from pcalib.model import Conditions, Model
-from pcalib.unexplained import Beyond
 from pcalib.uncertainty import radius
+from pcalib.unexplained import Beyond
 
 COMPONENTS = ("geometry", "effects", "rivals", "unexplained", "frame")
+EITHER = 0.5
+"""Weight of 'the instrument moved' where an effect moves the base: no reading tells one from the other."""
 CHUNK = 2000
 """Commands at a time: derivatives of 2000 poses by 60 parameters are 6 MB."""
 
@@ -119,6 +121,9 @@ def _chunk(
         there = prediction.predict(replace(rival, frame=None), q, conditions, p.pose)
         d = _landing(rival, there) - base
         spread += float(entry["weight"]) * d[:, :, None] * d[:, None, :]
+    if p.contribution.base is not None:  # a base that moves, and an instrument that moves, read alike
+        d = base - p.pose.tcp(p.tool)
+        spread += EITHER * d[:, :, None] * d[:, None, :]
     left = kept.covariance((p.pose.R @ p.tool[..., None])[..., 0])
     out = {**parts, "rivals": spread, "unexplained": left}
     whole += spread + left

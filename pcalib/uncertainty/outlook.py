@@ -1,0 +1,157 @@
+"""What to expect over the workspace with the longest tool that was measured: one sentence, and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pcalib import compensation, workspace
+from pcalib.errors import PcalibError
+from pcalib.ladder import tool_label
+from pcalib.model import Conditions, Model
+from pcalib.uncertainty import radius
+from pcalib.uncertainty.propagation import COMPONENTS, Expected, expect, require_known
+from pcalib.unexplained import DIRECTION, TEMPERATURE, Unexplained
+from pcalib.wording import figure, size
+
+REFERENCE = 20.0
+"""[°C] of a robot whose temperatures were not recorded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """What to expect over the workspace."""
+
+    position: np.ndarray
+    """(P, 3) [m] targets, base frame."""
+    expected: Expected
+    u95: float
+    """[m] radius that contains 95 % of landings at all targets taken together."""
+    components: dict[str, float]
+    """[m] the same, of each component by itself."""
+    conditions: Conditions
+    model: Model
+
+    @property
+    def tool(self) -> np.ndarray:
+        """(3,) [m]."""
+        return self.conditions.tool[0]
+
+
+def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model] = ()) -> Outlook:
+    """What to expect at a grid through the workspace.
+
+    Args:
+        tool: (3,) [m]; the longest that was measured when absent.
+        rivals: models of the rival explanations that the model keeps.
+
+    Raises:
+        InputError: the model states no uncertainty.
+        ReachError: no target can be reached.
+    """
+    require_known(model)
+    kept = model.uncertainty
+    assert kept is not None
+    plate = workspace.workspace_grid(model.robot)
+    span = kept.measured.tool
+    farthest = np.where(np.abs(span[:, 0]) > np.abs(span[:, 1]), span[:, 0], span[:, 1])
+    chosen = farthest if tool is None else np.asarray(tool, float)
+    n = len(plate)
+    conditions = Conditions(
+        np.broadcast_to(chosen, plate.shape), np.full(n, kept.measured.payload[1]), _columns(model, kept, n)
+    )
+    wanted = plate + chosen
+    # A robot that commands orientation is asked for a level plate, as the grid has it.
+    turned = np.broadcast_to(np.eye(3), (n, 3, 3)) if {3, 4, 5} & set(model.robot.mechanism.task) else None
+    made = compensation.compensate(model, wanted, rotation_matrix=turned, conditions=conditions, limits=False)
+    expected = expect(model, made.q, conditions, rivals=rivals)
+    good = np.isfinite(expected.covariance).all(axis=(1, 2))
+    if not good.any():
+        raise PcalibError("no target of the workspace can be reached by this model\n  check [workspace] and [joints]")
+    expected = Expected(
+        expected.covariance[good], {name: v[good] for name, v in expected.components.items()},
+        {name: v[good] for name, v in expected.beyond.items()},
+    )  # fmt: skip
+    parts = {name: radius.pooled(values) for name, values in expected.components.items()}
+    return Outlook(wanted[good], expected, radius.pooled(expected.covariance), parts, conditions.take(good), model)
+
+
+def _columns(model: Model, kept: Unexplained, n: int) -> dict[str, np.ndarray]:
+    """What effects need, at the middle of what was measured."""
+    needed = {name for fitted in model.effects for name in fitted.effect.needs}
+    values = {name: span.mean() for name, span in kept.measured.columns.items() if name.startswith(TEMPERATURE)}
+    for name in needed - set(values):
+        values[name] = REFERENCE if name.startswith(TEMPERATURE) else 1.0 if name.startswith(DIRECTION) else 0.0
+    if "time" in values:
+        values["time"] = model.time_origin or 0.0
+    return {name: np.full(n, value) for name, value in values.items()}
+
+
+def sentence(found: Outlook) -> str:
+    """The outlook in words."""
+    kept = found.model.uncertainty
+    assert kept is not None
+    names = {
+        "geometry": "geometry",
+        "effects": " and ".join(f.effect.name.replace("_", " ") for f in found.model.effects),
+        "rivals": "which explanation is true",
+        "unexplained": "unexplained",
+    }
+    parts = [
+        f"{names[name]} {figure(found.components[name] * 1e6, 2)}"
+        for name in names
+        if found.components[name] > 0.005 * found.u95
+    ]
+    where = f"with a {tool_label(found.tool).removeprefix('tool ')} tool" if found.tool.any() else "at the plate"
+    return f"Expect 95 % of landings within {size(found.u95)} {where} ({', '.join(parts)} µm); {_judged(kept)}."
+
+
+def _judged(kept: Unexplained) -> str:
+    if kept.held_out:
+        return f"{kept.inside} of {kept.rows} held-out rows lie inside of what was predicted for them"
+    return (
+        f"{kept.inside} of {kept.rows} rows lie inside of what fits without them predict, and too few are held out "
+        "(set = check) to confirm it"
+    )
+
+
+def to_json(found: Outlook) -> dict[str, Any]:
+    """`pcalib.uncertainty/1`."""
+    return {
+        "schema": "pcalib.uncertainty/1",
+        "u95_um": found.u95 * 1e6,
+        "components_um": {name: found.components[name] * 1e6 for name in COMPONENTS},
+        "conditions": {
+            "tool_mm": (found.tool * 1e3).tolist(),
+            "payload_kg": float(found.conditions.payload[0]),
+            **{name: float(values[0]) for name, values in found.conditions.columns.items()},
+        },
+        "coverage": coverage_json(found.model),
+    }
+
+
+def coverage_json(model: Model) -> dict[str, Any] | None:
+    """How many held-out rows lie inside of what was predicted; None where the model states no uncertainty."""
+    kept = model.uncertainty
+    if kept is None:
+        return None
+    share = kept.inside / kept.rows if kept.rows else None
+    return {
+        "held_out_inside": share if kept.held_out else None,
+        "left_out_inside": None if kept.held_out else share,
+        "rows": kept.rows,
+    }
+
+
+def said(model: Model, rivals: Sequence[Model] = ()) -> tuple[str, dict[str, Any] | None]:
+    """The sentence and the JSON of a model; of one that states no uncertainty, why not, and None."""
+    if model.posterior is None or model.uncertainty is None:
+        return "How far off landings may be is not known: the model states no uncertainty; fit it anew for that.", None
+    try:
+        found = outlook(model, rivals=rivals)
+    except PcalibError as error:
+        return f"How far off landings may be is not known: {error.args[0]}.", None
+    return sentence(found), to_json(found)
