@@ -105,8 +105,6 @@ class Unexplained:
     """[m] standard deviation of the plate's displacement per component, and"""
     turn: float
     """[rad] of its rotation."""
-    factor: float
-    """On the standard deviations of parameters: noise seen in replicates over the stated one."""
     rows: int
     """Rows by which this was found: each was predicted by a fit without it, and"""
     inside: int
@@ -129,7 +127,6 @@ class Unexplained:
         return {
             "shift_um": _short(self.shift * 1e6),
             "turn_urad": _short(self.turn * 1e6),
-            "factor": _short(self.factor),
             "rows": self.rows,
             "inside": self.inside,
             "held_out": self.held_out,
@@ -158,7 +155,7 @@ class Unexplained:
         for rival in rivals:
             if not 0 <= _numbers(rival, "weight", ()).item() <= 1:
                 raise InputError("uncertainty: the weight of a rival is not between 0 and 1", remedy=REMEDY)
-        sizes = [_numbers(table, name, ()).item() for name in ("shift_um", "turn_urad", "factor")]
+        sizes = [_numbers(table, name, ()).item() for name in ("shift_um", "turn_urad")]
         counts = [_numbers(table, name, ()).item() for name in ("rows", "inside", "held_out")]
         if min(*sizes, *counts) < 0:
             raise InputError("uncertainty: a size or a count is negative", remedy=REMEDY)
@@ -170,9 +167,8 @@ class Unexplained:
             _numbers(measured, "command_si", (actuators, 2)),
             {str(name): _numbers(columns, name, (2,)) for name in columns},
         )
-        shift, turn, factor = sizes[0] * 1e-6, sizes[1] * 1e-6, sizes[2]
         rows, inside, held = (int(n) for n in counts)
-        return cls(shift, turn, factor, rows, inside, held, envelope, tuple(rivals))
+        return cls(1e-6 * sizes[0], 1e-6 * sizes[1], rows, inside, held, envelope, tuple(rivals))
 
 
 def _numbers(table: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> np.ndarray:

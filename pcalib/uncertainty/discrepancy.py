@@ -23,7 +23,6 @@ import numpy as np
 
 from pcalib import prediction
 from pcalib.data import replicates
-from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
 from pcalib.fitting.identification import Fit
 from pcalib.fitting.linearisation import ROWS, conditions_of, linearise
@@ -59,8 +58,7 @@ def assessed(fit: Fit) -> Model:
     p = prediction.predict(model, data.q, conditions_of(data))
     if model.posterior is None:
         return model
-    factor = _factor(data)
-    rows = _left_out(fit, factor)
+    rows = _left_out(fit)
     arm = (p.pose.R @ p.tool[..., None])[..., 0]
     if model.frame is not None:
         arm = arm @ model.frame.rotation.T
@@ -71,7 +69,7 @@ def assessed(fit: Fit) -> Model:
     misfit = rows.misfit
     shift, turn = _split(rows, lever, _half_width(model), misfit > SIGNIFICANT) if misfit > DOUBTFUL else (0.0, 0.0)
     envelope = Envelope.of(data.tool, data.payload, p.pose.x, data.q, data.columns)
-    found = Unexplained(shift, turn, factor, 0, 0, 0, envelope)
+    found = Unexplained(shift, turn, 0, 0, 0, envelope)
     for some in (judged, held):
         inside = rows.inside(found.covariance(arm))[some]
         if len(inside) >= FEWEST_HELD_OUT and (misfit > SIGNIFICANT or _too_few(inside)):
@@ -130,15 +128,19 @@ class _Rows:
         return self.covariance[:, :3, :3] + np.where(seen[:, :, None] & seen[:, None, :], left, 0.0)
 
 
-def _left_out(fit: Fit, factor: float) -> _Rows:
-    """Every row, predicted without it."""
+def _left_out(fit: Fit) -> _Rows:
+    """Every row, predicted without it.
+
+    The noise is the one that is stated, or that replicates show, and not that of the residuals: a misfit must not pass
+    for noise. Leverages do not depend on it, because the covariance of the fit goes with the noise that it supports.
+    """
     data, n = fit.data, len(fit.data)
     error, covariance = np.zeros((n, 6)), np.zeros((n, 6, 6))
-    noise = fit.noise.scaled(np.full(2, factor))
+    noise = fit.noise.scaled(np.full(2, _factor(fit)))
     eye = np.eye(6)
-    for part, B in _derivatives(fit, noise):
+    for part, B in _derivatives(fit, fit.noise.scaled(fit.scale.ratio)):
         held, now = data.check[part], noise.take(part)
-        H = factor**2 * (B @ fit.covariance @ np.swapaxes(B, -1, -2))
+        H = B @ fit.covariance @ np.swapaxes(B, -1, -2)
         alone = np.linalg.inv(eye - np.where(held[:, None, None], 0.0, _bounded(H)))
         whitened = now.padded(np.where(now.measured, np.nan_to_num(fit.error[part]), 0.0))
         back = np.where(now.measured[:, :, None] & now.measured[:, None, :], np.linalg.inv(now.whitener), 0.0)
@@ -171,11 +173,13 @@ def _bounded(H: np.ndarray) -> np.ndarray:
     return (vectors * np.clip(values, 0.0, 0.99)[:, None, :]) @ np.swapaxes(vectors, -1, -2)
 
 
-def _factor(data: Measurements) -> float:
-    """Noise over the stated one, where replicates show beyond doubt that it is another; else 1."""
-    seen = replicates.noise(data)
+def _factor(fit: Fit) -> float:
+    """Noise over that of the fit's weights, where replicates show beyond doubt that it is another; else 1."""
     from scipy.special import gammaincinv
 
+    if fit.scale.sigma_q:  # the weights follow the replicates already
+        return 1.0
+    seen = replicates.noise(fit.data)
     ratios = [(r, d) for r, d in ((seen.ratio_pos, seen.dof_pos), (seen.ratio_rot, seen.dof_rot)) if d > 0]
     dof = sum(d for _, d in ratios)
     if dof < FEWEST_REPLICATES:

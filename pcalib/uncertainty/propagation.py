@@ -103,7 +103,7 @@ def _chunk(
     at, JX = prediction.closure_of(bare, p)
     level = bare.robot.mechanism.levels[bare.level]
     g = len(level.columns)
-    factor = kept.factor * posterior.factor
+    factor = posterior.factor
     # The raw parameters' derivatives, times basis and factor as one large product: half the time of many small ones.
     raw = prediction.geometry_columns(bare, p, at, JX)[:, :3]
     geometry = (raw.reshape(-1, raw.shape[-1]) @ (level.basis @ factor[:g])).reshape(len(q), 3, -1)
