@@ -22,97 +22,19 @@ import numpy as np
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.candidates import Candidate
 from pcalib.diagnosis.problem import Problem
-from pcalib.diagnosis.screen import INVISIBLE, LARGE, NUISANCE, Group, Known, Screen, project_out, screen, span
+from pcalib.diagnosis.screen import INVISIBLE, LARGE, NUISANCE, Known, project_out, screen, span
 from pcalib.laws.channels import Channel
 from pcalib.laws.functions import Term
 from pcalib.laws.grammar import EACH, Law, laws, sharings
+from pcalib.laws.judge import TESTED, Judge, columns
+from pcalib.laws.proposal import Proposals, families
 
 DRAWS = 256
 """Draws of pure noise on which the whole search is repeated: they resolve corrected p values down to 0.004."""
-TESTED = 32
-"""Laws that are put to the adequacy test, one per channel, sharing and function: the true one is nearly always among
-the first ten by BIC."""
-ALIKE = 3.0
-"""Noise units between the fitted signals of two laws below which the data cannot tell one from the other: a difference
-of 3 would be found with a power of 60 % if nothing else were in question."""
-BEHIND = 80.0
-"""BIC behind the best explanation from which on another is not put to the test: odds of e^40 against it."""
-ENOUGH = 8
-"""Adequate explanations after which no further ones are tested: nobody would read more rivals."""
 COMPANIONS = 4
 """Listed effects, and laws, beside which a further law is searched for: those that gain most on their own."""
 BLOCK = 96
 """Functions that are evaluated at once: bounds memory at some 100 MB."""
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """One explanation that holds a law, and what the data say of it."""
-
-    laws: tuple[Law, ...]
-    """One law, or two where one is not enough."""
-    beside: tuple[Candidate, ...]
-    """The listed effect beside which the law stands, where there is one."""
-    theta: tuple[np.ndarray, ...]
-    sigma: tuple[np.ndarray, ...]
-    """[SI] Amplitudes of each law and their 1σ."""
-    s: float
-    """Norm of the fitted signal, noise units."""
-    p: float
-    """Of the best law of the grammar, corrected for all laws that were tried."""
-    bic: float
-    adequate: bool
-    """No listed effect and no pattern improves on it."""
-    rest: float
-    """Smallest p of what could still improve on it."""
-    listed: tuple[str, ...]
-    """Listed effects that fit this signal as well."""
-    signal: np.ndarray
-    """(M,) Fitted signal, whitened, outside the nuisance."""
-
-    @property
-    def complexity(self) -> int:
-        """Number of amplitudes and searched constants."""
-        return sum(law.complexity for law in self.laws) + sum(len(c.scale) for c in self.beside)
-
-    def words(self) -> str:
-        """Its laws without figures."""
-        return " and ".join([*(law.words() for law in self.laws), *(f"{c.name} (listed)" for c in self.beside)])
-
-
-@dataclass(frozen=True)
-class Family:
-    """Explanations that these data cannot tell apart, the simplest first."""
-
-    members: tuple[Proposal, ...]
-
-    @property
-    def first(self) -> Proposal:
-        """The one that stands for the class."""
-        return self.members[0]
-
-    @property
-    def rivals(self) -> tuple[Proposal, ...]:
-        """The others."""
-        return self.members[1:]
-
-
-@dataclass(frozen=True)
-class Proposals:
-    """What a search of the grammar found."""
-
-    families: tuple[Family, ...]
-    """Adequate classes first, then by BIC; empty where no law gains more than chance."""
-    tried: int
-    """Laws that were tried."""
-    p: float
-    """Of the best law, corrected for the whole grammar."""
-    problem: Problem
-
-    @property
-    def adequate(self) -> tuple[Family, ...]:
-        """Classes on which nothing improves."""
-        return tuple(f for f in self.families if f.first.adequate)
 
 
 @dataclass(frozen=True)
@@ -143,18 +65,18 @@ def propose(
     p = float(adequacy.corrected(min(t.p for t in tried), null))
     if p > alpha:
         return Proposals((), len(tried), p, made)
-    judge = _Judge.of(made, p, level, seed)
+    judge = Judge.of(made, p, level, seed)
     alone = search.refined(_one_of_each([t for t in tried if t.companion < 0]))
     found = judge.all([((t.law,), (), t.bic) for t in alone])
     if not any(f.adequate for f in found):
         beside = _one_of_each([t for t in tried if t.companion >= 0])
         pairs = [((t.law,), (listed[t.companion],), t.bic) for t in search.refined(beside)]
         first = _one_of_each([t for t in alone if t.companion < 0])[:COMPANIONS]
-        more, _ = search.all([search.outside(made.whitened(_columns(made, t.law))) for t in first], with_noise=False)
+        more, _ = search.all([search.outside(made.whitened(columns(made, t.law))) for t in first], with_noise=False)
         second = search.refined(_one_of_each([t for t in more if t.companion >= 0]))
         pairs += [((first[t.companion].law, t.law), (), t.bic) for t in second]
         found += judge.all(pairs)
-    return Proposals(tuple(_families(found)), len(tried), p, made)
+    return Proposals(tuple(families(found)), len(tried), p, made)
 
 
 @dataclass(frozen=True)
@@ -344,99 +266,3 @@ def _one_of_each(tried: Sequence[_Tried]) -> list[_Tried]:
         function = (term.shape.name, tuple(s.variable.words for s in term.variables))
         out.setdefault((t.companion, t.law.channel.words, t.law.sharing, function), t)
     return list(out.values())
-
-
-@dataclass(frozen=True)
-class _Judge:
-    """The adequacy test of the diagnosis, for laws beside what it lists."""
-
-    made: Problem
-    p: float
-    level: float
-    seed: int
-    reference: float
-    """Critical value with nothing chosen, of the listed effects and the patterns."""
-
-    @classmethod
-    def of(cls, made: Problem, p: float, level: float, seed: int) -> _Judge:
-        null = adequacy.null_distribution(made.screen(seed=seed))
-        return cls(made, p, level, seed, float(np.quantile(null, level)))
-
-    def all(self, wanted: Sequence[tuple[tuple[Law, ...], tuple[Candidate, ...], float]]) -> list[Proposal]:
-        """Explanations (laws, listed effects beside them, BIC) with what the data say of them, the best BIC first."""
-        made, n = self.made, len(self.made.groups)
-        wanted = sorted(wanted, key=lambda w: w[2])[:TESTED]
-        wanted = [w for w in wanted if w[2] < wanted[0][2] + BEHIND]
-        every = list(dict.fromkeys(law for some, _, _ in wanted for law in some))
-        groups = [
-            Group(law.words(), made.whitened(_columns(made, law)), np.full(law.columns, law.channel.size))
-            for law in every
-        ]
-        noise = Known(made.classes, made.noise.dof)
-        from_rest = made.noise.source == "residuals" or made.noise.pooled
-        whole = screen(made.y, made.nuisance, [*made.groups, *groups], noise, from_rest=from_rest, seed=self.seed)
-        named = {id(c): i for i, c in enumerate(made.candidates)}
-        out = []
-        for chosen_laws, beside, bic in wanted:
-            if sum(f.adequate for f in out) >= ENOUGH:
-                break
-            mine = [n + every.index(law) for law in chosen_laws]
-            chosen = [*mine, *(named[id(c)] for c in beside)]
-            tested = _keeping(whole, [*range(n), *mine])
-            places = [*range(n, n + len(mine)), *chosen[len(mine) :]]
-            theta, sigma = whole.estimate(chosen)
-            Q = whole.joint(chosen)
-            signal = Q @ (Q.T @ whole.y)
-            out.append(
-                Proposal(
-                    laws=chosen_laws,
-                    beside=beside,
-                    theta=tuple(theta[: len(chosen_laws)]),
-                    sigma=tuple(sigma[: len(chosen_laws)]),
-                    s=float(np.linalg.norm(signal)),
-                    p=self.p,
-                    bic=bic,
-                    adequate=adequacy.is_adequate(tested, places, self.level, self.reference),
-                    rest=float(adequacy.p_values(tested, places).smallest),
-                    listed=_as_listed(made, whole, signal),
-                    signal=whole.basis @ signal,
-                )
-            )
-        return out
-
-
-def _as_listed(made: Problem, whole: Screen, signal: np.ndarray) -> tuple[str, ...]:
-    """Names of the listed effects that can make a signal (D,) within what the data can tell."""
-    blocks = whole.blocks[: len(made.candidates)]
-    near = [np.linalg.norm(signal - block @ (block.T @ signal)) < ALIKE for block in blocks]
-    return tuple(dict.fromkeys(c.name for c, close in zip(made.candidates, near, strict=True) if close))
-
-
-def _keeping(whole: Screen, keep: Sequence[int]) -> Screen:
-    """A screen with some of its groups, in the same coordinates."""
-
-    def some(values: tuple) -> tuple:
-        return tuple(values[g] for g in keep)
-
-    return replace(
-        whole, names=some(whole.names), blocks=some(whole.blocks), parts=some(whole.parts),
-        trials=whole.trials[list(keep)], full=some(whole.full), scale=some(whole.scale), limit=some(whole.limit),
-    )  # fmt: skip
-
-
-def _columns(made: Problem, law: Law) -> np.ndarray:
-    at = made.point.situation
-    return made.point.columns([law.contribution(at, row) for row in np.eye(law.columns)])
-
-
-def _families(found: Sequence[Proposal]) -> list[Family]:
-    """Classes of explanations with nearly one signal: adequate ones first, the simplest of each class in front."""
-    left = sorted(found, key=lambda p: (not p.adequate, p.bic))
-    out = []
-    while left:
-        head, *others = left
-        mine = [p for p in others if np.linalg.norm(p.signal - head.signal) < ALIKE and p.adequate == head.adequate]
-        members = sorted([head, *mine], key=lambda p: (p.complexity, p.bic))
-        out.append(Family(tuple(members)))
-        left = [p for p in others if all(p is not m for m in mine)]
-    return out

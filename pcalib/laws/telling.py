@@ -8,7 +8,7 @@ from typing import Any
 
 from pcalib import files
 from pcalib.laws.grammar import Law
-from pcalib.laws.search import Family, Proposal, Proposals
+from pcalib.laws.proposal import Family, Proposal, Proposals
 from pcalib.laws.writing import names, spec, written
 
 SHOWN = 5

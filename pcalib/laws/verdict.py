@@ -7,7 +7,8 @@ from math import log
 
 from pcalib.diagnosis.diagnose import Diagnosis
 from pcalib.laws import telling
-from pcalib.laws.search import Proposals, propose
+from pcalib.laws.proposal import Proposals
+from pcalib.laws.search import propose
 
 SHOWN = 2
 """Laws that are named beside an established effect."""

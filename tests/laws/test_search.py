@@ -12,7 +12,8 @@ from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.problem import problem
 from pcalib.fitting import identification
 from pcalib.laws import telling
-from pcalib.laws.search import Proposals, propose
+from pcalib.laws.proposal import Proposals
+from pcalib.laws.search import propose
 
 CASES = Path(__file__).parents[1] / "cases" / "own_delta"
 

@@ -24,7 +24,8 @@ from pcalib.diagnosis.problem import problem
 from pcalib.effects import user
 from pcalib.errors import EffectError
 from pcalib.laws import telling
-from pcalib.laws.search import ALIKE, Family, Proposals, propose
+from pcalib.laws.proposal import ALIKE, Family, Proposals
+from pcalib.laws.search import propose
 
 SIZES = (10.0, 40.0)
 """Visible sizes, noise units, log-uniform."""
