@@ -21,6 +21,7 @@ from pcalib.diagnosis.verdict import AsGiven, Doubt, Explanation, decide, refute
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification
+from pcalib.fitting import memory as memories
 from pcalib.fitting import noise_level as noises
 from pcalib.fitting.noise_level import NoiseLevel
 from pcalib.model import Model
@@ -29,6 +30,9 @@ N_DRAWS = 4096
 FEWEST_LEFT = 10
 """Degrees of freedom that the fit must leave for anything to be established: with nine the scale of the residuals is
 known to a quarter, and a wrong effect of four parameters takes nearly half of them."""
+SLOW = 12.0
+"""s up to which slow noise may pass for an effect of time or temperature: with half of the variance correlated over six
+rows, and replicates back to back, thermal effects reached 9 noise units by chance."""
 CLEARLY = 6.0
 """Difference of BIC from which one explanation is clearly better than another ('strong' by Kass & Raftery 1995)."""
 BEYOND = 3.0
@@ -214,11 +218,25 @@ def _doubted(
         best = replace(best, held_out=change)
         if change is None or not change.confirmed:
             doubts.append(Doubt.UNCONFIRMED)
+    if made.noise.memory is not None:
+        doubts.append(Doubt.CORRELATED)
+    if _slow_and_small(best, made, screen):
+        doubts.append(Doubt.CLOSE)
     if screen.free < FEWEST_LEFT:
         doubts.append(Doubt.FEW)
     if best.at_edge:
         doubts.append(Doubt.EDGE)
     return [replace(best, doubts=tuple(doubts)), *sets[1:]]
+
+
+def _slow_and_small(best: Explanation, made: Problem, screen: Screen) -> bool:
+    """Whether an explanation only follows time or temperatures, and slow noise could have its size unseen."""
+    slow = [any(need.startswith(("time", "temp")) for need in h.needs) for h in best.members]
+    if not all(slow) or not memories.close(made.data):
+        return False
+    specs = [c.spec for c in made.candidates]
+    chosen = [specs.index(spec) for spec in best.specs if spec in specs]
+    return bool(chosen) and float(np.linalg.norm(screen.joint(chosen).T @ screen.y)) < SLOW
 
 
 def _explanations(

@@ -38,6 +38,8 @@ BREAKS = {"step": "a step", "slope": "a change of slope"}
 """Shape of a break → variable of its cell."""
 FINE = "q, in fine waves"
 """Variable of errors that go up and down many times over the range of a motor."""
+BY_POSE = {"q", "place", FINE}
+"""Variables that the commands alone decide."""
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,13 @@ from pcalib.data.noise import Noise
 from pcalib.diagnosis import outliers
 from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates
 from pcalib.diagnosis.outliers import Outliers
-from pcalib.diagnosis.patterns import Pattern, broken, patterns, ripple
+from pcalib.diagnosis.patterns import BY_POSE, Pattern, broken, patterns, ripple
 from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.screen import NUISANCE, Group, Known, Screen, joint_span, outside, screen, span
 from pcalib.diagnosis.searched import breaks, scanned
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
+from pcalib.fitting import memory as memories
 from pcalib.fitting import noise_level as noises
 from pcalib.fitting.noise_level import Blocks, NoiseLevel
 from pcalib.fitting.sufficiency import require_reach
@@ -33,6 +34,8 @@ class Reading:
     stated: Noise
     whitener: np.ndarray
     """(N, 6, 6) from stated noise units to those of the noise level."""
+    serial: tuple[np.ndarray, ...] = ()
+    """Per component (n, n), over its measured rows, against correlation in time; none where there is none."""
 
     @property
     def row(self) -> np.ndarray:
@@ -46,8 +49,11 @@ class Reading:
 
     def padded(self, values: np.ndarray) -> np.ndarray:
         """Values (N, 6, …) in noise units, of the same shape; 0 where nothing is measured."""
-        flat = self.stated.padded(values).reshape(*values.shape[:2], -1)
-        return (self.whitener @ flat).reshape(values.shape)
+        out = self.whitener @ self.stated.padded(values).reshape(*values.shape[:2], -1)
+        for c, factor in enumerate(self.serial):
+            seen = self.stated.measured[:, c]
+            out[seen, c] = factor @ out[seen, c]
+        return out.reshape(values.shape)
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
         """Values (N, 6, …) as (M, …) in noise units."""
@@ -76,6 +82,8 @@ class Problem:
     noise: NoiseLevel
     whitener: np.ndarray
     """(N, 6, 6) from stated noise units to those of the noise level."""
+    serial: tuple[np.ndarray, ...]
+    """As in :class:`Reading`."""
     outliers: Outliers
     """Rows of `given` that were set aside."""
     given: Measurements
@@ -92,7 +100,7 @@ class Problem:
     @property
     def reading(self) -> Reading:
         """Its whitening."""
-        return Reading(Noise.of(self.data), self.whitener)
+        return Reading(Noise.of(self.data), self.whitener, self.serial)
 
     def elsewhere(self, data: Measurements) -> tuple[Reading, np.ndarray]:
         """The whitening of other rows, and the columns (m, n) there of what the model has, scaled by priors."""
@@ -101,10 +109,13 @@ class Problem:
         linear = linearisation.linearise(self.model, data, unknowns)
         point = Point.of(self.model, linear.prediction, linearisation.conditions_of(data))
         blocks = Blocks(data.mask, np.zeros(data.mask.shape), stated.padded(point.response().actuator))
-        reading = Reading(stated, noises.whitener(self.noise, blocks))
+        memory = self.noise.memory
+        serial = tuple(memory.whitener(data)) if memory else ()
+        reading = Reading(stated, noises.whitener(self.noise, blocks), serial)
         columns = np.zeros((*data.mask.shape, len(unknowns.names)))
         columns[linear.row, linear.component] = linear.jacobian * unknowns.scale * spread(self.model, unknowns)
-        return reading, np.nan_to_num(_gather(reading.whitener @ columns, stated.row, stated.component))
+        plain = replace(reading, stated=replace(stated, sigma=np.ones(stated.sigma.shape), covariance=None))
+        return reading, np.nan_to_num(plain.whiten(columns))
 
     @cached_property
     def groups(self) -> list[Group]:
@@ -180,9 +191,43 @@ def problem(
     def turned(columns: np.ndarray) -> np.ndarray:
         return _gather(whitener @ _scatter(columns, made), made.row, made.component)
 
-    return replace(
+    made = replace(
         made, y=turned(made.y[:, None])[:, 0], nuisance=turned(made.nuisance), noise=level, whitener=whitener
     )
+    return _shaped(made)
+
+
+def _shaped(made: Problem) -> Problem:
+    """The problem with correlation in time of its noise allowed for, and the level found anew."""
+    Q = joint_span(made.nuisance, made.groups)
+    slow = Q
+    if memories.unordered(made.data):  # errors that depend on the pose alone are white in time
+        first = len(made.candidates)
+        by_pose = {i + first for i, p in enumerate(made.patterns) if p.variable in BY_POSE}
+        slow = joint_span(made.nuisance, [g for i, g in enumerate(made.groups) if i not in by_pose])
+    U = span(made.nuisance, NUISANCE)
+    memory = made.noise.memory or memories.memory(made.data, made.y, U, slow, made.row, made.component)
+    if memory is None:
+        return made
+    serial = tuple(memory.whitener(made.data))
+
+    def turned(columns: np.ndarray) -> np.ndarray:
+        eye = np.ones(made.data.mask.shape)
+        plain = Reading(Noise(made.data.mask, eye), np.broadcast_to(np.eye(6), (len(eye), 6, 6)), serial)
+        return plain.whiten(_scatter(columns, made))
+
+    y, nuisance = turned(made.y[:, None])[:, 0], turned(made.nuisance)
+    changed = replace(made, y=y, nuisance=nuisance, serial=serial)
+    Q = joint_span(nuisance, changed.groups)
+    blocks = Blocks(made.data.mask, _scatter(y[:, None], made)[..., 0], np.zeros((*made.data.mask.shape, 1)))
+    rest = noises.from_rest(made.data, blocks, _scatter(Q, made), _luck(made), noises.ENOUGH_BESIDE, joints=False)
+    ratio = np.ones(2) if rest is None else rest.ratio
+    level = noises.reshaped(made.noise, made.data, ratio, rest, memory)
+    by = np.repeat(1.0 / ratio, 3)
+    return replace(
+        changed, y=y * by[made.component], nuisance=nuisance * by[made.component][:, None], noise=level,
+        whitener=made.whitener * by[:, None],
+    )  # fmt: skip
 
 
 def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without: Sequence[str]) -> Problem:
@@ -208,7 +253,7 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
     eye = np.broadcast_to(np.eye(6), (len(fit), 6, 6))
     return Problem(
         model, fit, point, linear.residual, nuisance, linear.row, linear.component,
-        tuple(found), tuple(cells), tuple(unavailable), noises.as_stated(fit), eye,
+        tuple(found), tuple(cells), tuple(unavailable), noises.as_stated(fit), eye, (),
         Outliers(np.zeros(0, int), np.zeros(0)), fit,
     )  # fmt: skip
 

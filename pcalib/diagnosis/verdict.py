@@ -28,6 +28,8 @@ class Doubt(StrEnum):
     NOTHING_HELD_OUT = "no rows are held out (set = check) that could confirm it"
     UNCONFIRMED = "held-out rows do not confirm it"
     EVENT = "one step or change of slope in the order of measurement explains as much"
+    CORRELATED = "the noise is correlated in time, and held-out rows among the others share it"
+    CLOSE = "replicates lie too close in time to stand for slow noise, which would look the same"
     FEW = "too few readings are left over to establish anything"
     EDGE = "a parameter lies at the edge of its physical range"
     FAR = "its parameters are many usual sizes large"

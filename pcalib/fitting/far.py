@@ -36,7 +36,6 @@ class Far:
     setting: bool
     """Whether it is set by somebody, as the zero of a motor is, and not made in a workshop."""
 
-
     def sentence(self) -> str:
         """Where it lies, in words."""
         value, unit = {"m": (1e3, " mm"), "rad": (180 / np.pi, "°"), "1": (100.0, " %")}[self.unit]

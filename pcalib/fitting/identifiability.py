@@ -152,9 +152,7 @@ def analyse(
         units: 'm', 'rad' or '1' of each parameter, for sentences.
     """
     scaled = without(J, nuisance) * prior
-    R, pivot = cast(
-        tuple[np.ndarray, np.ndarray], scipy.linalg.qr(scaled, mode="r", pivoting=True, check_finite=False)
-    )
+    R, pivot = cast(tuple[np.ndarray, np.ndarray], scipy.linalg.qr(scaled, mode="r", pivoting=True, check_finite=False))
     R = R[: scaled.shape[1]]
     ratio = np.zeros(scaled.shape[1])
     ratio[: len(R)] = np.linalg.svd(R, compute_uv=False)  # those of `scaled` itself

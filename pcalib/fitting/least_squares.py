@@ -30,9 +30,7 @@ def with_priors(rows: np.ndarray, pull: np.ndarray, prior: np.ndarray, damping: 
     return A
 
 
-def solve(
-    rows: np.ndarray, pull: np.ndarray, prior: np.ndarray, damping: float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
+def solve(rows: np.ndarray, pull: np.ndarray, prior: np.ndarray, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Minimise |y − J·s|² + Σ((pull − s)/prior)² + damping·|s|²; returns the step s and the triangular factor R.
 
     RᵀR = JᵀJ + diag(1/prior²) + damping·I is the information matrix, which is never formed.

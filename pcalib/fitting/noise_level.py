@@ -17,7 +17,8 @@ import numpy as np
 
 from pcalib.data import replicates
 from pcalib.data.measurement import Measurements
-from pcalib.wording import small
+from pcalib.fitting.memory import Memory, time_of
+from pcalib.wording import figure, small
 
 ENOUGH_REPLICATES = 10
 """Degrees of freedom of replicates, per class of readings, from which on their scatter is the noise."""
@@ -54,6 +55,10 @@ class NoiseLevel:
     repeatable: float = 0.0
     """[rad or m] errors of the joints that what is left over shows and replicates do not: they repeat, so they are no
     noise."""
+    memory: Memory | None = None
+    """Its correlation in time, where there is one."""
+    close: bool = False
+    """Replicates lie too close in time to stand for correlated noise."""
     pooled: bool = False
     """What lies outside every effect and pattern agrees with the replicates, and is counted in."""
 
@@ -65,7 +70,7 @@ class NoiseLevel:
     @property
     def verified(self) -> bool:
         """Whether replicates stand behind it."""
-        return self.source == "replicates"
+        return self.source == "replicates" and not self.close
 
     def sentence(self, joint_unit: str = "µrad") -> str:
         """Where the figure comes from, and what that means; joints are said in millionths of their unit."""
@@ -74,6 +79,13 @@ class NoiseLevel:
         )
         if self.sigma_q:
             said += f" (part of it from joints that repeat to {self.sigma_q * 1e6:.2g} {joint_unit})"
+        if self.memory is not None:
+            said += f", correlated over some {figure(self.memory.rows, 1)} rows"
+        if self.close:
+            return (
+                f"Noise {said} per component is what no effect and no pattern explains. Replicates lie too close in "
+                "time to stand for it: repeat poses after a while."
+            )
         if self.source == "replicates":
             few = [
                 f"; of {what} too few are repeated, so that theirs is {'as stated' if stated else 'assumed'}"
@@ -213,6 +225,28 @@ def from_rest(
     b *= 1 + luck / max(dof.sum() - luck, 1.0)
 
     return _solve("residuals", data, blocks, lambda theta: (B, b), dof, enough, joints)
+
+
+def reshaped(
+    level: NoiseLevel,
+    data: Measurements,
+    ratio: np.ndarray,
+    rest: NoiseLevel | None,
+    memory: Memory,
+) -> NoiseLevel:
+    """A level whose σ is multiplied by `ratio` (2,), because correlation in time was allowed for.
+
+    Args:
+        rest: what is left over then, whose degrees of freedom count; None where too little is.
+    """
+    out = replace(
+        level, ratio=level.ratio * ratio, sigma_q=level.sigma_q * float(np.mean(ratio)), memory=memory,
+        sigma_pos=level.sigma_pos * ratio[0], sigma_rot=level.sigma_rot * ratio[1], pooled=True,
+        dof=level.dof if rest is None else rest.dof,
+    )  # fmt: skip
+    group, time = replicates.groups(data), time_of(data)
+    apart = [np.ptp(time[group == g]) for g in range(int(group.max(initial=-1)) + 1)]
+    return replace(out, close=bool(apart) and float(np.median(apart)) < 2 * memory.tau)
 
 
 AGREE = 0.01

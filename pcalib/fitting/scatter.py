@@ -51,7 +51,6 @@ class Scale:
     sigma_q: float = 0.0
     """[rad or m] 1σ repeatability of the joints, in the weights of the fit; 0 where replicates do not show it."""
 
-
     def sentence(self, stated: tuple[bool, bool], measured: tuple[bool, bool]) -> str:
         """What the σ of parameters follow from.
 
@@ -196,9 +195,7 @@ def _scored(parts: list[np.ndarray], base: np.ndarray, W: np.ndarray, nu: np.nda
     return theta, float(likelihood)
 
 
-def scale(
-    error: np.ndarray, noise: Noise, weight: np.ndarray, leverage: np.ndarray, found: Repeated
-) -> Scale:
+def scale(error: np.ndarray, noise: Noise, weight: np.ndarray, leverage: np.ndarray, found: Repeated) -> Scale:
     """By what the σ that a fit weighed with are to be multiplied.
 
     Args:

@@ -55,9 +55,7 @@ def _rotations_left_out(fit: Fit) -> Iterator[str]:
 
 def _few_directions(fit: Fit) -> Iterator[str]:
     if fit.n_identified < fit.expected:
-        yield (
-            f"{fit.n_identified} of {fit.expected} directions are supported by these poses; priors hold the others"
-        )
+        yield (f"{fit.n_identified} of {fit.expected} directions are supported by these poses; priors hold the others")
 
 
 def _priors_widened(fit: Fit) -> Iterator[str]:

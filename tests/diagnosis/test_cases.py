@@ -109,3 +109,9 @@ def test_errors_of_a_coarse_encoder_repeat_and_are_no_noise():
     found = diagnosed("encq_2")
     assert found.noise.sigma_pos < 17e-6 and found.noise.sigma_q == 0  # replicates scatter by 13.8 µm
     assert found.verdict == "unexplained" and "errors of the motor angles" in telling.sentence(found)
+
+
+def test_noise_that_is_correlated_in_time_establishes_nothing():
+    found = diagnosed("ou_4")
+    assert not found.established and found.verdict in ("nothing_missing", "ambiguous")
+    assert "replicates lie too close in time to stand for slow noise" in telling.sentence(found)
