@@ -86,6 +86,11 @@ class Repeated:
     sigma_q: float
 
 
+GROSS = 10.0
+"""Times the scatter of half of all groups from which a group holds a gross row, which is no noise (as a diagnosis sets
+rows aside)."""
+
+
 def with_joints(data: Measurements, model: Model, pose: Pose) -> tuple[Noise, Repeated]:
     """The stated noise of fitted rows, and that of joints with it where replicates show it."""
     noise, nothing = Noise.of(data), Repeated(np.full(2, np.nan), 0.0)
@@ -138,6 +143,9 @@ def repeated(data: Measurements, group: np.ndarray, response: np.ndarray) -> Rep
     plain = eye if data.correlation is None else data.correlation[first] * mask[:, :, None] * mask[:, None, :]
     G = (response / data.sigma[:, :, None])[first] * mask[:, :, None]
     unit = 1.0 / max(float(np.sqrt(np.mean(np.sum(G[mask] ** 2, axis=-1)))), 1e-300)
+    size = np.trace(W, axis1=1, axis2=2) / np.maximum(nu * mask.sum(axis=1), 1.0)
+    good = size <= GROSS**2 * np.median(size)
+    W, nu, mask, plain, G = W[good], nu[good], mask[good], plain[good], G[good]
     dof = np.array([np.sum(nu[:, None] * mask[:, part]) for part in _CLASSES])
     enough = dof >= ENOUGH_REPLICATES
     if not enough.any():
