@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -175,9 +176,9 @@ def _conclude(
         taken = float(np.sum(information / (1 + information)))
     taken += unknowns.n_effects + unknowns.n_registration
 
-    known = _left_over(task, state, data.take(fitted), noise.take(fitted), repeated, supported, half)
+    rows = data.take(fitted), noise.take(fitted)
     found = Fit(
-        candidate=_with_sigma(state.model, unknowns, covariance, known),
+        candidate=_with_sigma(state.model, unknowns, covariance),
         status=status,
         reason=reason,
         remedy=remedy,
@@ -194,6 +195,7 @@ def _conclude(
         expected=expected,
         prior_scale=state.weights.scale,
         iterations=state.iterations,
+        posterior_of=partial(_posterior, task, state.model, state.R, *rows, repeated, supported, half),
     )
     return replace(found, warnings=cautions(found, state.at[1].unsettled))
 
@@ -247,14 +249,42 @@ def _verdict(state: State, ident: Identifiability, expected: int, task: Task) ->
     return "converged", "", ""
 
 
+def _posterior(
+    task: Task,
+    fitted: Model,
+    R: np.ndarray,
+    data: Measurements,
+    noise: Noise,
+    repeated: Repeated,
+    supported: Scale,
+    half: np.ndarray,
+    model: Model,
+) -> Posterior:
+    """The posterior that `model` keeps: what is known of its unknowns, and what the fit left over."""
+    known = _left_over(task, fitted, R, data, noise, repeated, supported, half)
+    free, unknowns = len(task.unknowns.keep), task.unknowns
+    rows = np.r_[np.flatnonzero(unknowns.keep), free + np.arange(unknowns.n_effects)]
+    factor = known.unknowns[: unknowns.n_geometry + unknowns.n_effects]
+    whole = np.zeros((free + unknowns.n_effects, factor.shape[1]))
+    whole[rows] = factor
+    return Posterior.of(model.unknowns, whole, known.left)
+
+
 def _left_over(
-    task: Task, state: State, data: Measurements, noise: Noise, repeated: Repeated, supported: Scale, half: np.ndarray
+    task: Task,
+    model: Model,
+    R: np.ndarray,
+    data: Measurements,
+    noise: Noise,
+    repeated: Repeated,
+    supported: Scale,
+    half: np.ndarray,
 ) -> Doubt:
     """What the fit left over, of the fitted rows; `half` holds the covariance without that."""
     if not repeated.sigma_q:
         plain = np.zeros((len(task.unknowns.names), len(task.chosen)))
-        plain[task.chosen] = least_squares.root(state.R) * task.unknowns.scale[task.chosen][:, None]
-        if (known := remaining(state.model, data, task.unknowns, plain, noise)) is not None:
+        plain[task.chosen] = least_squares.root(R) * task.unknowns.scale[task.chosen][:, None]
+        if (known := remaining(model, data, task.unknowns, plain, noise)) is not None:
             return known
     ratio = np.where(np.isnan(repeated.ratio), 1.0, repeated.ratio) if repeated.sigma_q else 1.0
     behind = supported.dof[np.isfinite(supported.dof)]
@@ -262,8 +292,8 @@ def _left_over(
     return Doubt(Remaining(np.maximum(ratio * supported.ratio, 1e-3), repeated.sigma_q, 1.0, dof), half)
 
 
-def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray, known: Doubt) -> Model:
-    """The model with 1σ and covariance of geometry and effects attached."""
+def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray) -> Model:
+    """The model with 1σ of geometry and effects attached."""
     g, basis = unknowns.n_geometry, unknowns.basis
     sigma = np.full(len(model.k), np.nan)
     moved = np.abs(basis * unknowns.scale[:g]).max(axis=1, initial=0.0)
@@ -274,10 +304,4 @@ def _with_sigma(model: Model, unknowns: Unknowns, covariance: np.ndarray, known:
     for fitted in model.effects:
         effects.append(replace(fitted, sigma=each[i : i + len(fitted.theta)]))
         i += len(fitted.theta)
-    free = len(unknowns.keep)
-    rows = np.r_[np.flatnonzero(unknowns.keep), free + np.arange(unknowns.n_effects)]
-    half = known.unknowns[: g + unknowns.n_effects]
-    whole = np.zeros((free + unknowns.n_effects, half.shape[1]))
-    whole[rows] = half
-    fitted = replace(model, sigma=sigma, effects=tuple(effects), uncertainty=None)
-    return replace(fitted, posterior=Posterior.of(fitted.unknowns, whole, known.left))
+    return replace(model, sigma=sigma, effects=tuple(effects), uncertainty=None, posterior=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
@@ -17,6 +18,7 @@ from pcalib.fitting.identifiability import Identifiability
 from pcalib.fitting.scatter import Scale
 from pcalib.fitting.unknowns import Unknowns, current
 from pcalib.model import Model
+from pcalib.posterior import Posterior
 
 _OVERSTATED = 0.5
 """χ² per degree of freedom below which σ is doubted."""
@@ -130,6 +132,8 @@ class Fit:
     prior_scale: float
     """Factor by which the manufacturing priors were widened, as the data ask."""
     iterations: int
+    posterior_of: Callable[[Model], Posterior]
+    """Gives the posterior that a fitted model keeps; it takes longer than the fit, and not every fit is kept."""
     warnings: tuple[Caution, ...] = ()
 
     def __repr__(self) -> str:
@@ -139,7 +143,7 @@ class Fit:
             f"{wording.size(a.rms_pos)} RMS on {a.n_rows} rows, χ²/dof {a.chi2_dof:.3g}>"
         )
 
-    @property
+    @cached_property
     def model(self) -> Model:
         """The fitted model.
 
@@ -149,7 +153,7 @@ class Fit:
         if self.status != "converged":
             status = self.status.replace("_", " ")
             raise FitError(f"{self.data.source}: the fit is not usable ({status}): {self.reason}\n  {self.remedy}")
-        return self.candidate
+        return replace(self.candidate, posterior=self.posterior_of(self.candidate))
 
     @property
     def method(self) -> str:

@@ -133,7 +133,7 @@ def test_what_cannot_be_asked_is_said():
     data = _second("delta", "l11", [1e-4])
     with pytest.raises(InputError, match="keeps no uncertainty"):
         changes(replace(model, posterior=None), data)
-    simple = identification.fit(_session(model.robot, _first("delta")[0], 40, 1), model.robot, "classical").candidate
+    simple = identification.fit(_session(model.robot, _first("delta")[0], 40, 1), model.robot, "classical").model
     part = next(h for h in hypotheses(model) if h.name == "b11")
     with pytest.raises(FitError, match="cannot express"):
         update(simple, data, [part])
