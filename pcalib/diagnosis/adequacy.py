@@ -1,7 +1,8 @@
 """Adequacy sets: every smallest combination of effects after which nothing else improves the fit.
 
 Stepwise selection takes one of an aliased pair and stops; an adequacy set is kept wherever the data do not speak
-against it, so that rivals that these poses cannot tell apart stand side by side.
+against it, so that rivals that these poses cannot tell apart stand side by side. Such collections are known as model
+selection confidence sets (Ferrari & Yang 2015; Zheng, Ferrari & Yang 2019).
 """
 
 from __future__ import annotations
