@@ -3,9 +3,10 @@
     scripts/uncertainty_study                  # the whole: about fifteen minutes on two cores
     scripts/uncertainty_study --quick          # a few robots of each sort
 
-Four parts, each with its own random robots. `nothing`: nothing is hidden, all kinds. `hidden`: one fault is hidden, and
+Four parts, each of its own random robots. `nothing`: nothing is hidden, all kinds. `hidden`: one fault is hidden, and
 the geometry is fitted alone. `added`: the same, with the effect added that describes it. `accept`: acceptance tests of
-robots of which about half are good enough. A cell holds when its coverage is as docs/uncertainty.md promises.
+robots that are not as good as asked for; inside are those that do not pass. A cell holds when its coverage is as
+docs/uncertainty.md promises.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from pcalib.errors import PcalibError
 from pcalib.fitting import identification
 from pcalib.model import Conditions, FittedEffect, Model
 from pcalib.robot import Robot
-from pcalib.uncertainty import assessed, expect
+from pcalib.uncertainty import acceptance, assessed, expect
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 KINDS = ("delta", "hexa", "hexa321", "h4", "linear_delta", "hexapod", "planar")
@@ -46,9 +47,9 @@ POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), (0.0, 0.0, -0.3))
 PLANAR_POINTS = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0))
 TARGETS = 24
 """Landings per robot."""
-BOUNDS = {"nothing": (0.93, 0.97), "hidden": (0.93, 1.0), "added": (0.92, 0.98)}
+BOUNDS = {"nothing": (0.93, 0.97), "hidden": (0.93, 1.0), "added": (0.92, 0.98), "accept": (0.95, 1.0)}
 """Share of landings inside u95 that each part must have."""
-WIDEST = {"nothing": 1.5, "hidden": 3.0, "added": 1.5}
+WIDEST = {"nothing": 1.5, "hidden": 3.0, "added": 1.5, "accept": np.inf}
 """Mean u95 over the radius that contains 95 % of all misses of the cell, which only an oracle knows."""
 PLAIN = Design("plain", "plain", points=POINTS, rows=40, check=0)
 RICH = Design("rich", points=POINTS)
@@ -80,7 +81,9 @@ def trials(robots_each: int, seed: int, parts: Sequence[str]) -> Iterator[Trial]
     """All robots of the study; cells of a part have as many each."""
     for part in parts:
         cells = [f"{kind} {kind_of}" for kind in KINDS for kind_of in ("pose", "position")]
-        if part != "nothing":
+        if part == "accept":
+            cells = ["pose", "position"]
+        elif part != "nothing":
             cells = [name for name, what in CATALOGUE.items() if part == "hidden" or what.effect is not None]
         for cell in cells:
             for i in range(robots_each):
@@ -91,7 +94,7 @@ def trials(robots_each: int, seed: int, parts: Sequence[str]) -> Iterator[Trial]
 def run(trial: Trial) -> Landed | None:
     """Calibrate a robot and command it; None where the fit refuses."""
     try:
-        return _nothing(trial) if trial.part == "nothing" else _fault(trial)
+        return {"nothing": _nothing, "accept": _accepted}.get(trial.part, _fault)(trial)
     except PcalibError:
         return None
 
@@ -116,6 +119,31 @@ def _nothing(trial: Trial) -> Landed:
     tool = np.array(points)[np.arange(TARGETS) % 3]
     conditions = Conditions(tool, np.zeros(TARGETS), {})
     return Landed(trial, *_command(model, machine, conditions, rng), _pulls(model, errors))
+
+
+def _accepted(trial: Trial) -> Landed:
+    """A robot whose misses contain 95 % in up to 1.7 times the tolerance; the stated radius is infinite if it fails."""
+    robot, rng = _robot("delta"), np.random.default_rng([3, trial.seed])
+    design = Design("plain", "plain", trial.cell == "pose", points=POINTS, rows=30, check=60)
+    truth = Truth(robot, truths.draw_errors(robot, SIGMA_LENGTH, SIGMA_ANGLE, trial.seed), design.instrument())
+    machine = _batch("delta")
+    machine.become(truth.values)
+    made = plan.make(robot, "plain", design.rows, check=design.check, tools=design.tools, seed=trial.seed)
+    data = simulate.run(truth, made, trial.seed, machine=machine).measurements
+    # The model of fewer rows, or of another day: between 0 and 0.1 mm off in the joints, beside what the fit leaves.
+    model = identification.fit(data, robot).model
+    level = robot.mechanism.levels["complete"]
+    off = rng.uniform(0, 5e-5) * rng.standard_normal(len(level.columns))
+    model = model.with_geometry(model.k + level.basis @ off)
+    tool = np.array(POINTS)[2]
+    conditions = Conditions.of(150, tool)
+    there = workspace.reachable(robot, 150, rng).pose.x
+    q = compensation.compensate(model, there + tool, conditions=conditions, limits=False).q
+    landing = machine.run(Commands.of(np.nan_to_num(q), tool))
+    true = float(np.nanquantile(np.linalg.norm(landing.tcp - there - tool, axis=1), 0.95))
+    within = true * rng.uniform(0.6, 1.0)
+    passed = acceptance.accept(model, data, within, tool).decision is acceptance.Decision.PASS
+    return Landed(trial, [true], [within if passed else np.inf], [])
 
 
 def _fault(trial: Trial) -> Landed:
@@ -216,7 +244,7 @@ class Cell:
     def holds(self) -> bool:
         """Whether coverage is as promised, within twice its standard error, and u95 not too large."""
         low, high = BOUNDS[self.part]
-        return low - 2 * self.error <= self.coverage <= high + 2 * self.error and self.ratio <= WIDEST[self.part]
+        return low - 2 * self.error <= self.coverage <= high + 2 * self.error and not self.ratio > WIDEST[self.part]
 
 
 def gather(found: Sequence[tuple[Trial, Landed | None]]) -> list[Cell]:
@@ -236,12 +264,16 @@ def gather(found: Sequence[tuple[Trial, Landed | None]]) -> list[Cell]:
             out.append(
                 Cell(
                     part, name, len(ok), len(some) - len(ok), float(np.mean(miss <= stated)),
-                    float(np.std(share) / np.sqrt(len(ok))), float(stated.mean() * 1e6),
+                    float(np.std(share) / np.sqrt(len(ok))), _mean_um(stated),
                     float(np.quantile(miss, 0.95) * 1e6),
                     float(np.mean(np.abs(z) <= 1.96)) if len(z) else float("nan"),
                 )
             )  # fmt: skip
     return out
+
+
+def _mean_um(stated: np.ndarray) -> float:
+    return float(stated.mean() * 1e6) if np.isfinite(stated).all() else float("nan")
 
 
 def show(cells: Sequence[Cell]) -> None:

@@ -2,6 +2,7 @@
 
     pcalib plan --robot models/delta.toml -n 40 -o plan.csv
     pcalib plan --robot models/delta.toml -n 40 --tool 0,0,0mm --tool 0,0,-300mm --position-only -o plan.csv
+    pcalib plan --within 30um --robot models/delta.toml --tool 0,0,-300mm --sigma-pos 20um -o plan.csv
     pcalib plan --to-tell --robot models/delta.toml -n 72 --temperature 16degC --temperature 28degC -o plan.csv
 """
 
@@ -16,6 +17,7 @@ from cyclopts.validators import Number
 
 from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import (
+    NOT_HELD,
     BesideOption,
     JsonOption,
     RequiredOutput,
@@ -44,6 +46,7 @@ def command(
     payload: tuple[str, ...] = (),
     temperature: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = (),
     plot: BesideOption = None,
+    within: Annotated[np.ndarray | None, quantity("length")] = None,
     seed: SeedOption = 0,
     json: JsonOption = None,
 ) -> int | None:
@@ -69,6 +72,8 @@ def command(
         payload: With --to-tell: a mass at hand, e.g. 2kg; may be given several times. 0, 1 and 2 kg when absent.
         temperature: With --to-tell: a temperature at hand, e.g. 28degC; may be given several times.
         plot: With --to-tell: also draw the matrix of separations, SVG.
+        within: As many poses as bring 95 % of landings within this radius, with the longest tool, e.g. 30um. Ends
+            with 1 where no number does, and says which instrument would.
         seed: Seed of the draw of candidate poses.
     """
     from pcalib import planning, units, workspace
@@ -101,6 +106,16 @@ def command(
     for option, given in (("--payload", payload), ("--temperature", temperature), ("--plot", plot)):
         if given:
             raise InputError(f"{option} belongs to --to-tell", remedy="add --to-tell, or leave it out")
+    reached: dict[str, object] = {}
+    if within is not None:
+        from pcalib.cli import _within
+
+        at = np.zeros((1, 3)) if tools is None else tools
+        poses, reached = _within.run(described, float(within[0]), at, noise, level, seed)
+        if poses is None:
+            write_json(json, {"schema": "pcalib.plan/1", **reached})
+            return NOT_HELD
+        n = poses
     with progress("choosing poses", 100) as advance:
         done = 0
 
@@ -132,5 +147,5 @@ def command(
     unknowns = len(mechanism.levels[level].columns)
     if readings <= unknowns:
         say(f"- Their {readings} readings are few for the {unknowns} parameters of level {level}.")
-    write_json(json, {"schema": "pcalib.plan/1", "poses": n, "level": level, "q_si": q, "tool_m": t})
+    write_json(json, {"schema": "pcalib.plan/1", "poses": n, "level": level, "q_si": q, "tool_m": t, **reached})
     return None
