@@ -78,6 +78,10 @@ class Cell:
     """Where it breaks, of a step or a change of slope."""
     theta: np.ndarray | None = None
     """(p,) [SI] size of that break, fitted alone."""
+    s_left: float = 0.0
+    """Norm of what it takes up beside the hottest group, noise units."""
+    p_left: float = 0.0
+    """p of that, corrected as `p` is."""
 
 
 def cells(patterns: Sequence[Pattern], first: int, screen: Screen, p: np.ndarray, null: np.ndarray) -> tuple[Cell, ...]:
@@ -88,6 +92,13 @@ def cells(patterns: Sequence[Pattern], first: int, screen: Screen, p: np.ndarray
         null: (n,) smallest p of noise draws, ascending.
     """
     order = sorted(range(len(patterns)), key=lambda i: p[first + i])
+    taken = np.array([float(np.sum((b.T @ screen.y) ** 2)) for b in screen.blocks])
+    worth = np.where(screen.visible > 0, taken - screen.visible * np.log(max(len(screen.residual), 2)), -np.inf)
+    hottest = [int(np.argmax(worth))] if len(worth) and worth.max() > 0 else []
+    beside = screen.allowing(hottest)
+    left = np.array([float(np.sum((b.T @ screen.y) ** 2)) for b in beside])
+    d_left = np.array([b.shape[1] for b in beside])
+    p_left = np.where(d_left > 0, screen.p_value(left, np.maximum(d_left, 1)), 1.0)
     return tuple(
         Cell(
             patterns[i].channel,
@@ -98,6 +109,8 @@ def cells(patterns: Sequence[Pattern], first: int, screen: Screen, p: np.ndarray
             patterns[i].sliding,
             patterns[i].found,
             screen.estimate([first + i])[0][0] if patterns[i].found else None,
+            float(np.sqrt(left[first + i])),
+            float(corrected(p_left[first + i], null)),
         )
         for i in order
     )

@@ -45,7 +45,8 @@ def _change_json(change: Change | None) -> dict[str, Any] | None:
 
 
 def _cell_json(cell: Cell, made: Problem) -> dict[str, Any]:
-    out = {"channel": cell.channel, "variable": cell.variable, "p": cell.p, "s": cell.s, "columns": cell.d}
+    out = {"channel": cell.channel, "variable": cell.variable, "p": cell.p, "s": cell.s, "columns": cell.d,
+           "p_left": cell.p_left, "s_left": cell.s_left}  # fmt: skip
     if cell.found is not None and cell.theta is not None:
         out["break"] = {
             "shape": cell.found.shape, "member": cell.found.member if cell.found.member >= 0 else None,

@@ -346,8 +346,8 @@ def comparison_details(c: Comparison) -> list[str]:
 
 
 def hot_cells(cells: Sequence[Cell]) -> list[Cell]:
-    """Those that are more than noise."""
-    return [c for c in cells if c.p < HOT]
+    """Those that are more than noise: the hottest, and what is more than noise beside the hottest explanation too."""
+    return [c for i, c in enumerate(cells) if c.p < HOT and (i == 0 or c.p_left < HOT)]
 
 
 BEFORE_AFTER = ("", "rows", "RMS before", "after", "rotation before", "after", "χ²/dof before", "after")

@@ -111,6 +111,13 @@ def test_errors_of_a_coarse_encoder_repeat_and_are_no_noise():
     assert found.verdict == "unexplained" and "errors of the motor angles" in telling.sentence(found)
 
 
+def test_the_map_of_a_ripple_accuses_the_motor_angles_alone():
+    found = diagnosed("ripple37", "own_delta")
+    assert found.established == ("gear_ripple",)
+    hot = telling.hot_cells(found.cells)
+    assert [(c.channel, c.variable) for c in hot] == [("actuator", "q")]
+
+
 def test_noise_that_is_correlated_in_time_establishes_nothing():
     found = diagnosed("ou_4")
     assert not found.established and found.verdict in ("nothing_missing", "ambiguous")
