@@ -57,6 +57,7 @@ _PUBLIC = {
     "Robot": "robot.Robot",
     "Situation": "effects.base.Situation",
     "add": "diagnosis.steps.add",
+    "changed": "changes.search.changes",
     "compare": "diagnosis.compare.compare",
     "compensate": "compensation.compensate",
     "diagnose": "diagnosis.diagnose.diagnose",
@@ -71,13 +72,14 @@ _PUBLIC = {
     "predict": "prediction.predict",
     "save_measurements": "data.measurement.save",
     "save_model": "modelfile.save",
+    "update": "changes.update.update",
 }
 """Public names, and where they are defined."""
 __all__ = [
     "Commands", "Conditions", "Contribution", "Effect", "EffectParameter", "Fit", "Measurements", "Model",
-    "PcalibError", "Robot", "Situation", "__version__", "add", "compare", "compensate", "diagnose", "drop",
-    "explain", "fit", "load_measurements", "load_model", "load_robot", "next_rows", "plan", "predict",
-    "save_measurements", "save_model",
+    "PcalibError", "Robot", "Situation", "__version__", "add", "changed", "compare", "compensate", "diagnose",
+    "drop", "explain", "fit", "load_measurements", "load_model", "load_robot", "next_rows", "plan", "predict",
+    "save_measurements", "save_model", "update",
 ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A control chart over sessions: the change of every kind of part since the model's session, with its limits."""
+"""A control chart over sessions: changes of zeros, scales and rods since the session of the model, and the landing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from pcalib import report
-from pcalib.changes.search import Changes, Verdict
+from pcalib.changes.history import Visit
+from pcalib.changes.search import Verdict
 from pcalib.changes.telling import p_text, sentence
 from pcalib.diagnosis.hypothesis import Kind
 from pcalib.model import Model
@@ -16,19 +17,19 @@ from pcalib.palette import SERIES
 from pcalib.report import Figure, Page, Section, Table
 from pcalib.report.figures import INK, QUIET, drawing
 from pcalib.report.page import versions
+from pcalib.wording import size
 
 WIDEST = 1
 """Directions of the parts that are charted: zeros, scales and rods have one number each."""
 
 
-def write(path: Path, model: Model, sources: Sequence[Path], found: Sequence[Changes]) -> None:
+def write(path: Path, model: Model, visits: Sequence[Visit]) -> None:
     """Write the chart as a report page.
 
     Args:
-        sources: the files of the sessions, in their order.
-        found: what changed in each since the session of the model.
+        visits: the sessions in their order.
     """
-    labels = [source.stem for source in sources]
+    labels, found = [visit.label for visit in visits], [visit.found for visit in visits]
     alarms = [i for i, one in enumerate(found) if one.verdict is not Verdict.NOTHING]
     verdict = (
         f"Nothing changed over {len(found)} sessions."
@@ -36,16 +37,25 @@ def write(path: Path, model: Model, sources: Sequence[Path], found: Sequence[Cha
         else f"Something changed in {len(alarms)} of {len(found)} sessions, first in {labels[alarms[0]]}."
     )
     rows = [
-        (label, one.verdict.replace("_", " "), p_text(one.p), sentence(one))
-        for label, one in zip(labels, found, strict=True)
+        (v.label, v.found.verdict.replace("_", " "), p_text(v.found.p), size(v.landing), sentence(v.found))
+        for v in visits
     ]
+    header = ("session", "verdict", "p", "lands within", "in words")
     sections = [
-        Section("Sessions", [Table(("session", "verdict", "p", "in words"), rows, "<<><", marked=alarms)]),
+        Section("Sessions", [Table(header, rows, "<<>><", marked=alarms)]),
+        Section("Landing", [
+            Figure(
+                trend(visits),
+                "RMS distance of the measured positions from where the model says that the robot lands, the measuring "
+                "frame allowed for. Filled: something changed.",
+                "Trend of the landing error over the sessions.",
+            )
+        ]),
         Section("Parts", [
             Figure(
-                drawn(labels, found),
-                "Change of each part on its own since the session of the model, with bars of 2σ. A change inside the "
-                "band is found less than nine times out of ten.",
+                drawn(visits),
+                "Change of each part on its own since the session of the model, with bars of 2σ. Dashed: a change of "
+                "that size is found nine times out of ten.",
                 "Control charts of motor zeros and rod lengths over the sessions.",
             )
         ]),
@@ -54,8 +64,40 @@ def write(path: Path, model: Model, sources: Sequence[Path], found: Sequence[Cha
     report.write(path, page)
 
 
-def drawn(labels: Sequence[str], found: Sequence[Changes]) -> str:
+def _places(visits: Sequence[Visit]) -> tuple[np.ndarray, list[str]]:
+    """Where each session stands along the chart, days from the first one if all have a date, and its label."""
+    days = [visit.when for visit in visits]
+    known = [day.toordinal() for day in days if day is not None]
+    if len(known) < len(visits):
+        return np.arange(len(visits), dtype=float), [visit.label[-10:] for visit in visits]
+    return np.array(known, float) - known[0], [visit.label for visit in visits]
+
+
+def trend(visits: Sequence[Visit]) -> str:
+    """The landing error of every session, SVG."""
+    at, labels = _places(visits)
+    alarm = np.array([visit.found.verdict is not Verdict.NOTHING for visit in visits])
+    value = 1e6 * np.array([visit.landing for visit in visits])
+    with drawing(8.4, 2.4) as (figure, out):
+        panel = figure.subplots()
+        panel.plot(at, value, color=SERIES[0], lw=1, marker="o", ms=4, mfc="none")
+        panel.plot(at[alarm], value[alarm], "o", ms=5, color=SERIES[1])
+        panel.set_ylabel("RMS [µm]", fontsize=8)
+        panel.set_ylim(bottom=0)
+        _dated(panel, at, labels, 8)
+    return out[0]
+
+
+def _dated(panel, at: np.ndarray, labels: Sequence[str], most: int) -> None:
+    """At most so many labels along an axis of sessions."""
+    step = max(1, -(-len(labels) // most))
+    panel.set_xticks(at[::step], labels[::step], fontsize=6, rotation=30, ha="right")
+    panel.tick_params(axis="y", labelsize=7)
+
+
+def drawn(visits: Sequence[Visit]) -> str:
     """One panel for each part with a single number, SVG."""
+    found, (at, labels) = [visit.found for visit in visits], _places(visits)
     parts = [
         f.candidate.hypothesis
         for f in sorted(found[0].findings, key=lambda f: f.name)
@@ -71,16 +113,13 @@ def drawn(labels: Sequence[str], found: Sequence[Changes]) -> str:
             value = np.array([np.nan if f is None else factor * f.theta[0] for f in mine])
             sigma = np.array([np.nan if f is None else factor * f.sigma[0] for f in mine])
             limit = np.array([np.nan if f is None else factor * f.smallest[0] for f in mine])
-            at = np.arange(len(labels))
-            panel.fill_between(at, -limit, limit, color=QUIET, alpha=0.15, step="mid", linewidth=0)
+            for side in (-limit, limit):
+                panel.plot(at, side, color=QUIET, lw=0.8, ls="--")
             panel.errorbar(at, value, 2 * sigma, fmt="o", ms=3, lw=1, color=SERIES[0])
             panel.axhline(0, color=INK, lw=0.5)
             unit = {"m": "µm", "rad": "µrad", "1": "ppm"}[part.units[0]]
             panel.set_title(f"{part.name} [{unit}]", fontsize=8)
-            panel.tick_params(labelsize=7)
-            step = max(1, len(labels) // 6)
-            panel.set_xticks(at[::step], [label[-10:] for label in labels[::step]], fontsize=6, rotation=45)
+            _dated(panel, at, labels, 4)
         for panel in panels[len(parts) :]:
             panel.set_visible(False)
-        figure.tight_layout()
     return out[0]

@@ -14,7 +14,7 @@ from pcalib.errors import InputError
 from pcalib.fitting import linearisation
 from pcalib.fitting.sufficiency import require_reach
 from pcalib.model import Frame, Model
-from pcalib.posterior import Remaining
+from pcalib.posterior import Posterior, Remaining
 
 FRAME_PRIOR = np.r_[np.full(3, 1.0), np.full(3, 1.0), np.full(3, 0.1)]
 """[m, rad, m] Scale of the frame's translation, rotation and of the target's offset: so wide that they are free."""
@@ -69,11 +69,32 @@ def session(model: Model, data: Measurements, same_setup: bool = False) -> Sessi
         InputError: the model has no posterior, or the robot of the model cannot take the commands.
     """
     if model.posterior is None:
+        model = replace(model, posterior=independent(model))
+    return at(_registered(model, data, same_setup), data, same_setup)
+
+
+def independent(model: Model) -> Posterior:
+    """The uncertainty of a model file of an earlier version, which keeps the σ of every parameter and no covariance.
+
+    As if they were independent they predict readings worse than the fit does: small changes are not seen.
+
+    Raises:
+        InputError: the model keeps no σ either.
+    """
+    if model.sigma is None or not np.isfinite(model.sigma).any():
         raise InputError(
             "the model keeps no uncertainty of its fit, so that a change cannot be told from what was never known",
             remedy="fit it again from the data of its session: pcalib fit DATA.csv --robot R.toml -o MODEL.toml",
         )
-    return at(_registered(model, data, same_setup), data, same_setup)
+    level = model.robot.mechanism.levels[model.level]
+    spread = np.diag(np.nan_to_num(model.sigma))
+    geometry = np.stack([level.coordinates(column) for column in spread.T], axis=1)
+    known = [np.zeros(len(f.theta)) if f.sigma is None else f.sigma for f in model.effects]
+    effects = np.concatenate([np.zeros(0), *known])
+    n, m = len(geometry), len(effects)
+    half = np.zeros((n + m, geometry.shape[1] + m))
+    half[:n, : geometry.shape[1]], half[n:, geometry.shape[1] :] = geometry, np.diag(np.nan_to_num(effects))
+    return Posterior.of(model.unknowns, half, Remaining(np.ones(2)))
 
 
 def at(model: Model, data: Measurements, same_setup: bool) -> Session:

@@ -18,7 +18,6 @@ from pcalib.cli.frame import BesideOption, JsonOption, OutputOption, SeedOption,
 
 if TYPE_CHECKING:
     from pcalib.changes.search import Changes
-    from pcalib.data.measurement import Measurements
     from pcalib.model import Model
 
 
@@ -44,44 +43,43 @@ def command(
 
     Args:
         data: Measurement file of the new session.
-        more: Further sessions, for --chart; alarms over all of them together stay at 5 %.
+        more: Further sessions; dates from '# date = 2026-06-01' or the file names. Alarms over all of them stay at 5 %.
         same_setup: The instrument and its target were not touched since.
         update: Fit the part that changed to the new session and hold the rest; writes the model to --output.
         output: With --update: the new model file.
-        chart: Also write a chart of every part over the sessions, one self-contained HTML page.
+        chart: Also write the chart of every part and of the landing error over the sessions, one HTML page.
         seed: Seed of the Monte-Carlo draws that set the limits of significance.
     """
     from pcalib import modelfile
     from pcalib.changes import telling
-    from pcalib.changes.search import changes
+    from pcalib.changes.history import history
     from pcalib.data import measurement
-    from pcalib.diagnosis.adequacy import ALPHA
     from pcalib.errors import InputError
+    from pcalib.wording import size
 
     if update and (output is None or more):
         raise InputError("--update takes one session and writes a model", remedy="add -o NEW.toml, and name one file")
     old = modelfile.load(model, effect_file)
-    sessions = [(path, measurement.load(path, old.robot)) for path in (data, *more)]
-    found = [changes(old, rows, same_setup, ALPHA / len(sessions), seed=seed) for _, rows in sessions]
-    if len(found) == 1:
-        write_json(json, telling.as_json(found[0]))
-    else:
+    visits = history(old, [(path, measurement.load(path, old.robot)) for path in (data, *more)], same_setup, seed)
+    if more:
         write_json(json, {"schema": "pcalib.changes/1", "sessions": [
-            {"file": path.name, **telling.as_json(one)} for (path, _), one in zip(sessions, found, strict=True)
+            {"file": v.path.name, "date": v.when.isoformat() if v.when else None, "landing_um": 1e6 * v.landing,
+             **telling.as_json(v.found)} for v in visits
         ]})  # fmt: skip
+        for v in visits:
+            say(f"{v.label}, lands within {size(v.landing)} RMS: {telling.sentence(v.found)}")
+    else:
+        write_json(json, telling.as_json(visits[0].found))
+        _show(visits[0].found)
     if chart is not None:
         from pcalib.changes.chart import write
 
-        write(chart, old, [path for path, _ in sessions], found)
-    for (path, _), one in zip(sessions, found, strict=True):
-        if len(found) > 1:
-            say(f"{path.name}: {telling.sentence(one)}")
-    if len(found) == 1:
-        _show(found[0])
+        write(chart, old, visits)
+    found = visits[0].found
     if update:
         assert output is not None
-        _update(old, sessions[0][1], found[0], same_setup, output, data)
-    elif len(found) == 1 and found[0].sets:
+        _update(old, found, same_setup, output, data)
+    elif not more and found.sets:
         say(f"Next: pcalib changed {data} --model {model} --update -o {data.stem}.toml")
     if chart is not None:
         say(f"Chart written to {chart}.")
@@ -99,9 +97,7 @@ def _show(found: Changes) -> None:
         show_table(telling.TABLE, rows, title="Each on its own")
 
 
-def _update(
-    old: Model, data: Measurements, found: Changes, same_setup: bool, output: Path, source: Path
-) -> None:
+def _update(old: Model, found: Changes, same_setup: bool, output: Path, source: Path) -> None:
     """Write the model with the part that changed fitted anew."""
     from pcalib import modelfile
     from pcalib.changes.update import update
@@ -112,7 +108,7 @@ def _update(
         why = "nothing changed" if found.verdict == "nothing_changed" else "no part explains what changed"
         raise InputError(f"there is nothing to update: {why}", remedy="to recalibrate everything: pcalib fit")
     parts = [m.candidate.hypothesis if m.slip is None else m.slip.hypothesis for m in found.sets[0].members]
-    made = update(old, data, parts, same_setup)
+    made = update(old, found.session.data, parts, same_setup)
     names = ", ".join(h.name for h in parts)
     entry = modelfile.snapshot(made.model, "update", effect=names, data=source.name, rms_pos_um=made.rms_after * 1e6)
     modelfile.save(output, replace(made.model, history=(*old.history, entry)))

@@ -5,6 +5,7 @@ The form of the file is in docs/files.md; the same table is read from CSV and fr
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -72,6 +73,8 @@ class Measurements:
     """(N, 6, 6) correlation of each row's readings; None where they are independent."""
     instrument: Instrument | None = None
     """What the file states of the instrument beyond σ per component; `sigma` and `correlation` hold it already."""
+    date: datetime.date | None = None
+    """Day of the session, where the file says it."""
     written: np.ndarray | None = None
     """(N, 3) [rad] or (N, 4) the numbers of rx ry rz or qw qx qy qz as the file has them, so that another reading of
     them can be tried; None where there are none, or where the rotations were made in memory."""
@@ -197,7 +200,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     wanted = dict.fromkeys(names, dimension) | cols.POSITION | cols.ROTATION | cols.CONDITIONS | sigmas.KEYS
     columns = cols.assign(table, wanted, plain, len(names))
     cols.require(columns, dict.fromkeys(names, dimension), "it holds the commanded actuator values")
-    said = cols.metadata(table, sigmas.KEYS, ("frame", "robot", "euler"), instruments.KEYS)
+    said = cols.metadata(table, sigmas.KEYS, ("frame", "robot", "euler"), {**instruments.KEYS, "date": "date"})
     frame = said.get("frame", "base")
     if frame not in FRAMES:
         raise InputError(
@@ -227,8 +230,22 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
         tool=point, payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
         sigma=sigma, stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
-        correlation=correlation, instrument=instrument, written=written,
+        correlation=correlation, instrument=instrument, date=_date(table), written=written,
     )  # fmt: skip
+
+
+def _date(table: Table) -> datetime.date | None:
+    """The metadata `# date = 2026-06-01`."""
+    text = table.metadata.get("date")
+    if text is None:
+        return None
+    try:
+        return datetime.date.fromisoformat(text.strip()[:10])
+    except ValueError:
+        raise InputError(
+            f"'{text}' is no date", file=table.source, line=table.metadata_lines.get("date"),
+            remedy="write year-month-day, e.g. # date = 2026-06-01",
+        ) from None
 
 
 def save(path: str | Path, data: Measurements) -> None:
@@ -278,6 +295,8 @@ def save(path: str | Path, data: Measurements) -> None:
     if data.check.any():
         out["set"] = ["check" if held else "fit" for held in data.check]
     head = {"robot": data.robot_name, "frame": data.frame} if data.robot_name else {"frame": data.frame}
+    if data.date is not None:
+        head["date"] = data.date.isoformat()
     if data.instrument is not None:
         head |= data.instrument.metadata(data.frame)
     sigma = sigmas.beside(data.sigma, data.instrument, data.position, data.rotation, data.tool)

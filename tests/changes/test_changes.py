@@ -11,17 +11,20 @@ from bench import plan as plans
 from bench import simulate
 from bench import truth as truths
 from bench.instrument import Instrument
-from pcalib import modelfile, rotation
+from pcalib import importers, modelfile, rotation
 from pcalib import robot as robots
 from pcalib.changes import telling
 from pcalib.changes.search import Verdict, changes, hypotheses
 from pcalib.changes.update import update
+from pcalib.data import measurement
 from pcalib.data.measurement import Measurements
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification
 from pcalib.model import Model
 
 ROOT = Path(__file__).parents[2]
+CASE = ROOT / "tests" / "cases" / "second_session_one_tower"
+REAL = ROOT / ".." / "shared" / "data" / "hexapod108" / "measurements.csv"
 TOOLS = [np.zeros(3), np.array([0.06, 0.0, -0.2])]
 
 
@@ -132,7 +135,7 @@ def test_what_cannot_be_asked_is_said():
     _, model = _first("delta")
     data = _second("delta", "l11", [1e-4])
     with pytest.raises(InputError, match="keeps no uncertainty"):
-        changes(replace(model, posterior=None), data)
+        changes(replace(model, posterior=None, sigma=None), data)
     simple = identification.fit(_session(model.robot, _first("delta")[0], 40, 1), model.robot, "classical").model
     part = next(h for h in hypotheses(model) if h.name == "b11")
     with pytest.raises(FitError, match="cannot express"):
@@ -152,3 +155,49 @@ def test_a_damaged_covariance_is_refused(section):
     last = first if not lines[first].endswith("[") else next(i for i in range(first, len(lines)) if lines[i] == "]")
     with pytest.raises(InputError, match="posterior"):
         modelfile.loads("\n".join([*lines[:first], section, *lines[last + 1 :]]))
+
+
+def test_an_endstop_that_slipped_though_the_model_keeps_no_covariance():
+    """A model file of an earlier version: its σ count as independent, and 2 mm at a tower are seen all the same."""
+    model = modelfile.load(CASE / "first.model.toml")
+    found = changes(model, measurement.load(CASE / "second.csv", model.robot))
+    assert model.posterior is None
+    assert found.sets[0].names == ("q2.zero",)
+    assert found.sets[0].members[0].theta == pytest.approx([-2e-3], abs=5e-5)
+    assert "the zero of motor q2, by -2.0" in telling.sentence(found)
+
+
+def test_a_set_up_that_was_not_touched_shows_more():
+    errors, model = _first("hexapod")
+    data = _second("hexapod", "leg4.zero", [-100e-6], moved=False)
+    same, free = changes(model, data, same_setup=True), changes(model, data)
+    assert same.sets[0].names == ("leg4.zero",) and not len(same.frame)
+    assert len(free.frame) == 6
+    smallest = [next(f.smallest for f in found.findings if f.name == "leg4.zero")[0] for found in (same, free)]
+    assert 3 * smallest[0] < smallest[1]  # the frame can take up most of a leg
+    moved = _session(model.robot, errors, 12, 5, moved=True)
+    assert changes(model, moved, same_setup=True).verdict is not Verdict.NOTHING
+
+
+def test_a_misstated_sigma_raises_no_alarm():
+    """Instruments that are 1.5 times as noisy as stated: the old fit's residuals say so."""
+    errors, _ = _first("delta")
+    robot = robots.load(ROOT / "models" / "delta.toml")
+    first = _session(robot, errors, 40, 1)
+    model = identification.fit(replace(first, sigma=first.sigma / 1.5), robot).model
+    assert model.posterior.left.ratio == pytest.approx([1.5, 1.5], rel=0.25)
+    second = _session(robot, errors, 12, 31, moved=True)
+    assert changes(model, replace(second, sigma=second.sigma / 1.5)).verdict is Verdict.NOTHING
+
+
+@pytest.mark.skipif(not REAL.exists(), reason=f"no real measurements at {REAL}")
+def test_a_real_session_split_in_time_shows_no_change(tmp_path):
+    """The legs of this hexapod repeat to 0.3 mm, and its model fits worse where it was not fitted."""
+    found = importers.run("motion-capture", REAL, [])
+    robot, data = found.robot, found.data
+    first = np.arange(len(data)) < 70
+    model = identification.fit(data.take(first), robot).candidate
+    left = model.posterior.left
+    assert left.sigma_q == pytest.approx(0.03, abs=0.01)  # [rad] of motors that lengthen a leg by 11 mm/rad
+    assert left.misfit > 1.2 and left.dof < 60
+    assert changes(model, data.take(~first)).verdict is Verdict.NOTHING

@@ -1,7 +1,7 @@
 """What pcalib says about blind pairs of sessions, against what was changed in MuJoCo.
 
     scripts/changes_study                # 720 pairs and 36 years of weekly checks
-    scripts/changes_study --quick        # 90 pairs
+    scripts/changes_study --quick        # 36 pairs
     scripts/changes_study --seed 1
 
 Ends with 1 where a figure misses its bound by more than chance.
@@ -23,7 +23,7 @@ from bench.jobs.hidden.grading import CLEAR, FAR, SLACK, Line
 from bench.jobs.study import Row, Study
 
 PAIRS, YEARS = 720, 36
-QUICK = 90
+QUICK = 36
 COLUMNS = {
     "number": pa.int32(), "kind": pa.string(), "n": pa.int32(), "setup": pa.string(), "what": pa.string(),
     "stated": pa.float64(), "truth": pa.list_(pa.string()), "s": pa.float64(), "distance": pa.float64(),

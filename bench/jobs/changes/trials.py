@@ -39,7 +39,7 @@ def pair(seed: int, number: int) -> dict[str, Any]:
     """One pair of sessions, what pcalib says about it, and where the robot lands after an update."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(pairs.STREAM, number)))
     kind, n = KINDS[number % 3], SIZES[(number // 3) % 2]
-    setup, what = SETUPS[(number // 6) % 3], PACK[(number // 18) % len(PACK)]
+    setup, what = SETUPS[(number // 6) % 3], PACK[(number // 18 + 3 * number) % len(PACK)]
     listed = what == "single" and bool(pairs.EFFECTS[kind]) and bool(rng.random() < LISTED)
     drawn = Pair.draw(kind, n, setup, rng, listed)
     row: dict[str, Any] = {"kind": kind, "n": n, "setup": setup, "what": what, "stated": drawn.stated}
