@@ -118,25 +118,28 @@ class Pair:
     """Which noise the second session has."""
 
     @classmethod
-    def draw(cls, kind: str, n: int, setup: str, rng: np.random.Generator, loaded: bool = False) -> Pair:
+    def draw(cls, kind: str | Robot, n: int, setup: str, rng: np.random.Generator, loaded: bool = False) -> Pair:
         """A random robot and a random plan.
 
         Args:
             loaded: poses with two payloads and directions of motion, where an effect is to be seen.
         """
-        robot = robots.load(MODELS / f"{kind}.toml")
+        robot = kind if isinstance(kind, Robot) else robots.load(MODELS / f"{kind}.toml")
         seed = int(rng.integers(2**31))
         errors = truths.draw_errors(robot, LENGTH, ANGLE, seed)
         plan = _plan(robot, n, seed + 1, loaded)
         return cls(robot, errors, setup, float(rng.choice(STATED)), plan, seed, loaded)
 
     @cached_property
+    def first(self) -> Measurements:
+        """The first session."""
+        plan = _plan(self.robot, FIRST, self.seed + 2, self.payloads)
+        return self.measured((), 0.0, plan, self.seed + 3, again=False)
+
+    @cached_property
     def model(self) -> Model:
         """The model of the first session."""
-        first = self.measured(
-            (), 0.0, _plan(self.robot, FIRST, self.seed + 2, self.payloads), self.seed + 3, again=False
-        )
-        return identification.fit(first, self.robot).model
+        return identification.fit(self.first, self.robot).model
 
     def truth(
         self, moved: Sequence[Moved], size: float | Sequence[float], noisy: bool = True, again: bool = True
