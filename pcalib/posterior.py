@@ -73,7 +73,8 @@ class Posterior:
         """From any factor `half` (n, r) of the covariance."""
         n = len(names)
         padded = np.vstack([half.T, np.zeros((max(0, n - half.shape[1]), n))])
-        return cls(names, np.linalg.qr(padded, mode="r")[:n].T, left)
+        triangle = np.asarray(np.linalg.qr(padded, mode="r"))
+        return cls(names, triangle[:n].T, left)
 
     @property
     def covariance(self) -> np.ndarray:

@@ -84,7 +84,7 @@ def command(
     order = np.argsort(first)
     q, target = q[order], wanted.position[ok][first[order]]
     rows = data.position
-    kept = np.isfinite(rows).all(axis=1)
+    kept = np.asarray(np.isfinite(rows).all(axis=1))
     found = iso9283.record(
         _pose_of(data, q, str(measured))[kept],
         rows[kept],
