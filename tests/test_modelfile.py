@@ -193,7 +193,7 @@ BROKEN = {
     "sigma is negative": (put("parameters", "l11", "sigma_mm", -1.0), "l11"),
     "level unknown": (put("level", "perfect"), "level 'perfect' is not one of"),
     "level is a list": (put("level", [1]), "level"),
-    "no level": (put("level", ABSENT), "level None is not one of nominal, classical"),
+    "no level": (put("level", ABSENT), "level None is not one of nominal, "),
     "effects are text": (put("effects", "all"), "effects"),
     "effect unknown": (put("effects", [{"spec": "ghosts"}]), "unknown effect 'ghosts'"),
     "effect without values": (put("effects", [{"spec": "backlash"}]), "backlash"),
