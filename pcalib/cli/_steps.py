@@ -51,7 +51,7 @@ def finish(
     if report is not None and measured is not None:
         from pcalib.report import calibration
 
-        calibration.write_fit(report, step.after, measured, [telling.step_sentence(step)])
+        calibration.write_fit(report, step.after, measured, [telling.step_sentence(step), expected])
     say(telling.step_sentence(step))
     print()
     show_table(telling.BEFORE_AFTER, telling.before_after(step.before, step.after))

@@ -119,7 +119,7 @@ def command(
         from pcalib.report import calibration
 
         first = [f"{said}. {mixups.remedy(judged)}."] if said else []
-        calibration.write_fit(report, found, measured, [*first, *(doubt.sentence() for doubt in doubts)])
+        calibration.write_fit(report, found, measured, [*first, expected, *(doubt.sentence() for doubt in doubts)])
     if said:
         say(f"{said}. {mixups.remedy(judged)}.")
     show(found)

@@ -8,10 +8,10 @@ residuals have beyond that covariance is unexplained: rotations give the turn of
 of any length, the shift that is left when the turn is accounted for (:mod:`pcalib.unexplained`).
 
 Nothing counts as unexplained where χ² of positions, or of rotations, is below its mean plus half a standard error.
-Above, the estimate is unbiased and not below zero; where the misfit is significant it is one standard error larger, and scaled
-until 95 % of the rows lie inside of what is predicted for them, because residuals of a missing effect are not normal
-(split conformal prediction, Vovk 2005). The same is done where too few rows lie inside for chance: of all rows, and of
-those held out by themselves.
+Above, the estimate is unbiased and not below zero; where the misfit is significant it is one standard error larger, and
+scaled until 95 % of the rows lie inside of what is predicted for them, because residuals of a missing effect are not
+normal (split conformal prediction, Vovk 2005). The same is done where too few rows lie inside for chance: of all rows,
+and of those held out by themselves.
 """
 
 from __future__ import annotations

@@ -162,3 +162,14 @@ def test_a_rival_counts_where_it_would_land_the_tcp_elsewhere(data, delta):
     assert np.allclose(found.components["rivals"], 0.5 * apart[:, :, None] * apart[:, None, :], rtol=1e-3, atol=1e-18)
     more = found.covariance - expect(model, q, conditions).covariance
     assert np.allclose(more, found.components["rivals"], rtol=1e-2)
+
+
+def test_adding_an_effect_keeps_the_explanations_that_stand_beside_it(truth, data, delta):
+    from pcalib.diagnosis import steps
+    from pcalib.uncertainty import rivals
+
+    step = steps.add(identification.fit(data, delta).model, data, SOFT)
+    model = rivals.kept(assessed(step.after), step.before.candidate, data, SOFT)
+    assert model.uncertainty.rivals and sum(r["weight"] for r in model.uncertainty.rivals) < 1
+    assert "arm_bending" in rivals.words(model)
+    assert outlook.outlook(model, rivals=rivals.models(model)).components["rivals"] > 0
