@@ -66,7 +66,7 @@ def assessed(fit: Fit) -> Model:
     held = judged & data.check
     enough = int(held.sum()) >= FEWEST_HELD_OUT
     misfit = rows.misfit
-    significant = bool((misfit > SIGNIFICANT).any())
+    significant = bool(misfit[0] > SIGNIFICANT)  # of positions, by which the scale is found
     shift, turn = _split(rows, lever, _half_width(model), misfit)
     envelope = Envelope.of(data.tool, data.payload, p.pose.x, data.q, data.columns)
     found = Unexplained(shift, turn, 0, 0, 0, envelope)
