@@ -79,6 +79,8 @@ class Changed:
     smallest: np.ndarray
     """(p,) [SI] Smallest change that would have been seen with 90 % power; inf where none would."""
     slip: Slip | None = None
+    before: np.ndarray | None = None
+    """(p,) [SI] Parameters of an effect that the model has already, of which `theta` is the change."""
 
     @property
     def name(self) -> str:
@@ -197,6 +199,7 @@ class _Asked:
         point = new.point
         found = [Candidate.of(h, point) for h in hypotheses(new.model)]
         found += [c for c in candidates(point)[0] if c.hypothesis.kind is Kind.EFFECT and _simplest(c)]
+        found += [Candidate.of(Hypothesis.of(fitted.effect), point) for fitted in new.model.effects]
         found = [c for c in found if np.any(c.columns)]
         where: list[Slip | None] = [None] * len(found)
         groups = [Group(c.spec, new.whitened(c.columns), c.scale, limit=None) for c in found]
@@ -228,7 +231,13 @@ class _Asked:
             p=p if screened.visible[g] else 1.0,
             smallest=smallest_seen(screened, g, critical),
             slip=self.slips[g],
+            before=self.before(g),
         )
+
+    def before(self, g: int) -> np.ndarray | None:
+        """Parameters of an effect that the model has; None of all else."""
+        name, effects = self.candidates[g].name, self.session.model.effects
+        return next((f.theta for f in effects if self.candidates[g].effect is not None and f.effect.name == name), None)
 
     def frame(self) -> np.ndarray:
         """Least-squares change of the measuring frame (0, 6 or 9) [m, rad]."""
@@ -340,7 +349,7 @@ def _explained(asked: _Asked, chosen: Sequence[int]) -> Explanation:
     for g, value, spread in zip(chosen, theta, sigma, strict=True):
         s = float(np.linalg.norm(screened.blocks[g].T @ screened.y))
         nothing = np.full(len(value), np.inf)
-        members.append(Changed(asked.candidates[g], value, spread, s, 0.0, nothing, asked.slips[g]))
+        members.append(Changed(asked.candidates[g], value, spread, s, 0.0, nothing, asked.slips[g], asked.before(g)))
     columns = sum(len(m.theta) + (m.slip is not None) for m in members)
     return Explanation(tuple(members), rest + columns * float(np.log(len(asked.session.y))))
 

@@ -99,6 +99,7 @@ def independent(model: Model) -> Posterior:
 
 def at(model: Model, data: Measurements, same_setup: bool) -> Session:
     """The session linearised at a model that is registered to it already."""
+    assert model.posterior is not None
     error, p = linearisation.residuals(model, data)
     require_reach(p, data)
     point = Point.of(model, p, linearisation.conditions_of(data))

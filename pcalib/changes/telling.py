@@ -43,12 +43,17 @@ def sentence(found: Changes) -> str:
 
 def in_words(explained: Explanation) -> str:
     """What changed and by how much."""
-    return "; and ".join(f"{m.candidate.hypothesis.words}, by {amount(m)}" for m in explained.members)
+    said = []
+    for m in explained.members:
+        said.append(f"{m.candidate.hypothesis.words}{', by ' if m.candidate.effect is None else ': '}{amount(m)}")
+    return "; and ".join(said)
 
 
 def amount(member: Changed) -> str:
     """The size of a change with its σ, and its direction where it has one."""
     effect = member.candidate.effect
+    if effect is not None and member.before is not None:
+        return f"{effect.describe(member.before + member.theta)}, before {effect.describe(member.before)}"
     if effect is not None:
         return effect.describe(member.theta)
     units = member.candidate.hypothesis.units

@@ -11,7 +11,8 @@ from bench import plan as plans
 from bench import simulate
 from bench import truth as truths
 from bench.instrument import Instrument
-from pcalib import importers, modelfile, rotation
+from bench.jobs.changes import pairs
+from pcalib import effects, importers, modelfile, rotation
 from pcalib import robot as robots
 from pcalib.changes import telling
 from pcalib.changes.search import Verdict, changes, hypotheses
@@ -20,7 +21,7 @@ from pcalib.data import measurement
 from pcalib.data.measurement import Measurements
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification
-from pcalib.model import Model
+from pcalib.model import FittedEffect, Model
 
 ROOT = Path(__file__).parents[2]
 CASE = ROOT / "tests" / "cases" / "second_session_one_tower"
@@ -201,3 +202,20 @@ def test_a_real_session_split_in_time_shows_no_change(tmp_path):
     assert left.sigma_q == pytest.approx(0.03, abs=0.01)  # [rad] of motors that lengthen a leg by 11 mm/rad
     assert left.misfit > 1.2 and left.dof < 60
     assert changes(model, data.take(~first)).verdict is Verdict.NOTHING
+
+
+def test_a_backlash_that_grew_is_a_change_of_what_the_model_has():
+    drawn = pairs.Pair.draw("delta", 40, "aligned", np.random.default_rng(4), loaded=True)
+    play = pairs.effect(drawn.robot, "backlash")
+    first = drawn.measured([play], 1.0, pairs.plan_of(drawn.robot, 60, 9, True), 3, again=False)
+    play_known = effects.parse("backlash", drawn.robot)
+    start = FittedEffect(play_known, np.zeros(len(play_known.parameters)), play_known.spec)
+    model = identification.fit(first, drawn.robot, effects=[start]).model
+    assert changes(model, drawn.second([play], 1.0)).verdict is Verdict.NOTHING
+    found = changes(model, drawn.second([play], 3.0))
+    assert ("backlash",) in [e.names for e in found.sets]
+    member = next(e for e in found.sets if e.names == ("backlash",)).members[0]
+    assert member.theta / member.before == pytest.approx(2.0, rel=0.15)  # three times as large as before
+    assert "before" in telling.amount(member)
+    after = update(model, drawn.second([play], 3.0), [member.candidate.hypothesis]).model
+    assert after.effects[0].theta == pytest.approx(3 * model.effects[0].theta, rel=0.15)

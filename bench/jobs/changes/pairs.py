@@ -127,13 +127,13 @@ class Pair:
         robot = kind if isinstance(kind, Robot) else robots.load(MODELS / f"{kind}.toml")
         seed = int(rng.integers(2**31))
         errors = truths.draw_errors(robot, LENGTH, ANGLE, seed)
-        plan = _plan(robot, n, seed + 1, loaded)
+        plan = plan_of(robot, n, seed + 1, loaded)
         return cls(robot, errors, setup, float(rng.choice(STATED)), plan, seed, loaded)
 
     @cached_property
     def first(self) -> Measurements:
         """The first session."""
-        plan = _plan(self.robot, FIRST, self.seed + 2, self.payloads)
+        plan = plan_of(self.robot, FIRST, self.seed + 2, self.payloads)
         return self.measured((), 0.0, plan, self.seed + 3, again=False)
 
     @cached_property
@@ -241,7 +241,8 @@ def tools(robot: Robot) -> list[np.ndarray]:
     return [np.zeros(3), np.array([lever / 2, 0.0, lever * robot.mechanism.tool_direction[2]])]
 
 
-def _plan(robot: Robot, n: int, seed: int, loaded: bool) -> Plan:
+def plan_of(robot: Robot, n: int, seed: int, loaded: bool) -> Plan:
+    """A random plan, a rich one where it is loaded."""
     return plans.make(robot, "rich" if loaded else "random", n, tools=tools(robot), seed=seed)
 
 

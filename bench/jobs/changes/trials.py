@@ -59,7 +59,7 @@ def hidden(
         return [], [], 0.0, 0.0, 0
     wanted = float(np.exp(rng.uniform(*np.log(SEEN))))
     names = pairs.names(drawn.robot)
-    moved, sizes, s, far = [], [], 0.0, 0.0
+    moved, sizes, s, far, row = [], [], 0.0, 0.0, 0
     for _ in range(TRIES):
         row = 0
         if what == "pair":
