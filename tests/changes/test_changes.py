@@ -197,7 +197,7 @@ def test_a_real_session_split_in_time_shows_no_change(tmp_path):
     found = importers.run("motion-capture", REAL, [])
     robot, data = found.robot, found.data
     first = np.arange(len(data)) < 70
-    model = identification.fit(data.take(first), robot).candidate
+    model = identification.fit(data.take(first), robot).model
     left = model.posterior.left
     assert left.sigma_q == pytest.approx(0.03, abs=0.01)  # [rad] of motors that lengthen a leg by 11 mm/rad
     assert left.misfit > 1.2 and left.dof < 60
