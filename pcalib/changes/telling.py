@@ -95,6 +95,11 @@ def lines(found: Changes) -> list[str]:
         shift, turn = float(np.linalg.norm(found.frame[:3])), float(np.linalg.norm(found.frame[3:6]))
         moved = f"{small(shift, 'm')} and {angle(turn)}"
         out.append(f"The measuring frame moved by {moved}, as it may: the instrument was set up anew.")
+    if (misfit := found.session.left.misfit) > 1:
+        out.append(
+            f"Rows of its own session that the model was not fitted to lie {np.sqrt(misfit):.2g} times the noise off; "
+            "what is as small as that is not called a change."
+        )
     seen = smallest(found)
     if seen:
         out.append(f"Smallest change that would have been seen: {', '.join(f'{w} {v}' for w, v in seen)}.")
