@@ -9,7 +9,7 @@ import numpy as np
 
 from pcalib import report
 from pcalib.changes.history import Visit
-from pcalib.changes.search import Verdict
+from pcalib.changes.results import Verdict
 from pcalib.changes.telling import p_text, sentence
 from pcalib.diagnosis.hypothesis import Kind
 from pcalib.model import Model

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from pcalib import prediction
-from pcalib.changes.search import Changes, changes
+from pcalib.changes.results import Changes
+from pcalib.changes.search import changes
 from pcalib.changes.session import FRAME_PRIOR
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.adequacy import ALPHA

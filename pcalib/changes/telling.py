@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.changes.search import Changed, Changes, Explanation, Verdict
+from pcalib.changes.results import Changed, Changes, Explanation, Verdict
 from pcalib.diagnosis.hypothesis import Kind
 from pcalib.diagnosis.patterns import spoken
 from pcalib.wording import angle, small

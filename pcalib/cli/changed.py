@@ -17,7 +17,7 @@ from pcalib.cli._inputs import EffectFiles, ModelOption
 from pcalib.cli.frame import BesideOption, JsonOption, OutputOption, SeedOption, say, show_table, write_json
 
 if TYPE_CHECKING:
-    from pcalib.changes.search import Changes
+    from pcalib.changes.results import Changes
     from pcalib.model import Model
 
 

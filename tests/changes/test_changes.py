@@ -15,7 +15,8 @@ from bench.jobs.changes import pairs
 from pcalib import effects, importers, modelfile, rotation
 from pcalib import robot as robots
 from pcalib.changes import telling
-from pcalib.changes.search import Verdict, changes, hypotheses
+from pcalib.changes.results import Verdict
+from pcalib.changes.search import changes, hypotheses
 from pcalib.changes.update import update
 from pcalib.data import measurement
 from pcalib.data.measurement import Measurements

@@ -12,7 +12,8 @@ from bench import plan as plans
 from bench.jobs import verify
 from bench.jobs.changes import pairs
 from bench.jobs.changes.pairs import KINDS, SETUPS, SIZES, Moved, Pair
-from pcalib.changes.search import Changes, Verdict, changes
+from pcalib.changes.results import Changes, Verdict
+from pcalib.changes.search import changes
 from pcalib.changes.update import update
 from pcalib.errors import FitError
 from pcalib.fitting import identification
