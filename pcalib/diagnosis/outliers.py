@@ -36,6 +36,11 @@ class Outliers:
     kept: bool = False
     """More rows than outliers can be: none is set aside."""
 
+    @property
+    def single(self) -> bool:
+        """Whether they are few and no two stand side by side: wild rows, and not a time at which something happened."""
+        return not self.too_many and bool(np.all(np.diff(np.sort(self.rows)) > 1))
+
 
 def find(y: np.ndarray, Q: np.ndarray, row: np.ndarray, n_rows: int, nuisance: np.ndarray | None = None) -> Outliers:
     """Rows far off.

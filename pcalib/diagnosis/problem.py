@@ -176,6 +176,12 @@ def problem(
         steps = [made.whitened(p.columns) * p.size for p in events]  # rows after a step are no outliers
         known = span(np.hstack([made.nuisance, *steps]), NUISANCE)
         odd = outliers.find(made.y, joint_span(made.nuisance, made.groups), made.row, len(fit), known)
+        # What was searched for may have been found for the sake of a single wild row, and then hides it.
+        smooth = [g for g in made.groups if g.search.trials == 1]
+        plain = span(made.nuisance, NUISANCE)
+        alone = outliers.find(made.y, joint_span(made.nuisance, smooth), made.row, len(fit), plain)
+        if len(alone.rows) > len(odd.rows) and alone.single:
+            odd = alone
         if len(odd.rows) and not odd.kept:
             keep = np.ones(len(fit), bool)
             keep[odd.rows] = False

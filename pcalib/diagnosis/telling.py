@@ -102,8 +102,10 @@ def _verdict(found: Diagnosis) -> str:
         sure = f"{' and '.join(found.established)} in any case, and with it " if found.established else ""
         return f"Something is missing: {sure}{options}. These poses cannot tell which."
     if found.events:
-        event = broken(found.problem, found.events[0])
+        event, *others = (broken(found.problem, one) for one in found.events)
         rest = "with it, what is left looks like noise"
+        if others:
+            rest = f"or {others[0]}; these rows cannot tell which, and with either what is left looks like noise"
         return f"Something happened while measuring. {event[0].upper()}{event[1:]}; {rest}."
     odd, hot = found.problem.outliers, hot_cells(found.cells)
     if odd.too_many and not hot:
