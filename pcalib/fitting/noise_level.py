@@ -212,7 +212,7 @@ def from_rest(
             and are no noise.
     """
     S = blocks.components()
-    flat = Q.reshape(-1, Q.shape[-1])
+    flat = Q.reshape(Q.shape[0] * Q.shape[1], Q.shape[-1])  # a level that frees nothing has no columns
     rest = blocks.y - (flat @ (flat.T @ blocks.y.ravel())).reshape(blocks.y.shape)
     SQ = [S[k] @ Q for k in range(3)]
     QSQ = [flat.T @ s.reshape(flat.shape) for s in SQ]

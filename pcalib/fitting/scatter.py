@@ -23,6 +23,9 @@ CLEAR = 2.7
 """2·Δlog likelihood from which on joints are said not to repeat: p = 0.05 for one variance that cannot be negative. In
 40 poses measured twice with 20 µm, 60 µrad are seen in 90 % of the data sets, and anything in 2 % where there is
 nothing."""
+QUIET = 0.1
+"""Scatter of replicates over the stated noise below which it is no noise of joints: readings were computed or copied,
+and what they differ by is a drift between them."""
 _ROUNDS, _SMALLEST = 30, 0.02
 """Rounds of Fisher scoring, and the share of its last value below which a variance does not fall in one round."""
 
@@ -162,7 +165,8 @@ def repeated(data: Measurements, group: np.ndarray, response: np.ndarray) -> Rep
     joint = unit**2 * G @ np.swapaxes(G, -1, -2)
     without = _scored([parts[k] for k in known], base, W, nu)
     both = _scored([*(parts[k] for k in known), joint], base, W, nu)
-    clear = 2 * (both[1] - without[1]) > CLEAR
+    quiet = float(np.mean(size[good])) < QUIET**2
+    clear = not quiet and 2 * (both[1] - without[1]) > CLEAR
     theta = both[0] if clear else without[0]
     ratio = np.full(2, np.nan)
     ratio[known if data.correlation is None else slice(0, 2)] = np.sqrt(theta[: len(known)])

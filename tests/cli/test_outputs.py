@@ -82,7 +82,8 @@ def line(tmp_path, monkeypatch):
             positional = parameter.kind in (parameter.POSITIONAL_ONLY, parameter.VAR_POSITIONAL)
             if parameter.default is not parameter.empty and not (positional and name in marks):
                 continue
-            value = f"{name}.x" if name in marks else "x"
+            units = [m for m in getattr(parameter.annotation, "__metadata__", ()) if getattr(m, "converter", None)]
+            value = f"{name}.x" if name in marks else "1mm" if units else "x"  # quantities are read before files are
             mark = marks.get(name)
             if isinstance(mark, Reads) and mark.file(value) == value:
                 Path(value).write_text("precious")

