@@ -139,7 +139,7 @@ def accept(
     used = data.take(data.check) if held else data
     error, p = residuals(model, used)
     miss, noise, turned = _at_tool(error, p, used, tool)
-    seen = np.isfinite(miss).all(axis=1)
+    seen = np.asarray(np.isfinite(miss).all(axis=1))
     miss, noise, used = miss[seen], noise[seen], used.take(seen)
     free = [c for c in range(3) if c not in model.robot.mechanism.task]
     miss[:, free], noise[:, free], noise[:, :, free] = 0.0, 0.0, 0.0

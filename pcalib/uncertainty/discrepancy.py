@@ -156,7 +156,7 @@ def _left_out(fit: Fit) -> _Rows:
     far = usable & (times > FAR * np.median(times[usable])) if usable.any() else ~usable
     if far.mean() > GROSS:
         far = np.zeros(n, bool)
-    return _Rows(np.where(seen, error, 0.0), covariance, seen, usable & ~far)
+    return _Rows(np.where(seen, error, 0.0), covariance, seen, np.asarray(usable & ~far))
 
 
 def _derivatives(fit: Fit, noise: Noise) -> Iterator[tuple[slice, np.ndarray]]:

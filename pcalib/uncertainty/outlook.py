@@ -68,7 +68,7 @@ def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model
     turned = np.broadcast_to(np.eye(3), (n, 3, 3)) if {3, 4, 5} & set(model.robot.mechanism.task) else None
     made = compensation.compensate(model, wanted, rotation_matrix=turned, conditions=conditions, limits=False)
     expected = expect(model, made.q, conditions, rivals=rivals)
-    good = np.isfinite(expected.covariance).all(axis=(1, 2))
+    good = np.asarray(np.isfinite(expected.covariance).all(axis=(1, 2)))
     if not good.any():
         raise PcalibError("no target of the workspace can be reached by this model\n  check [workspace] and [joints]")
     expected = Expected(

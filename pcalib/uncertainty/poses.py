@@ -61,7 +61,7 @@ def reach(
     """
     found = _Information(robot, tool, tools, sigma, level, seed)
     poses = found.smallest(within)
-    counts = tuple(sorted({10, 20, 40, 80, 160, 320, *([poses] if poses else [])}))
+    counts: tuple[int, ...] = tuple(sorted({10, 20, 40, 80, 160, 320, poses or 10}))
     spreads = [found.landings(n) for n in counts]
     better, more = None, None
     if poses is None:
@@ -112,7 +112,7 @@ class _Information:
         first = B[:rest].reshape(-1, B.shape[-1])
         whole = B.reshape(-1, B.shape[-1])
         stacked = np.concatenate([np.eye(B.shape[-1]), first, np.sqrt(full) * whole])
-        R = np.linalg.qr(stacked, mode="r")
+        R = np.asarray(np.linalg.qr(stacked, mode="r"))
         half = np.linalg.solve(R.T, np.swapaxes(self.carry, 1, 2).transpose(1, 0, 2).reshape(B.shape[-1], -1))
         half = half.reshape(B.shape[-1], len(self.carry), 3).transpose(1, 2, 0)
         return half @ np.swapaxes(half, 1, 2)
