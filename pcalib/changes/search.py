@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from pcalib.changes.results import Changed, Changes, Explanation, Slip, Verdict
-from pcalib.changes.session import Session, at, session
+from pcalib.changes.session import FRAME_PRIOR, Session, at, session
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.candidates import Candidate, candidates
@@ -83,7 +83,7 @@ def changes(
         sets=tuple(sets),
         findings=tuple(sorted(findings, key=lambda f: (f.p, -f.s))),
         cells=cells(asked.patterns, n, screened, start.p, null),
-        frame=asked.frame(),
+        frame=asked.frame(sets[0].names if sets else ()),
         chi2_dof=float(screened.residual @ screened.residual) / max(screened.free, 1),
         p=p,
         critical=critical,
@@ -146,25 +146,21 @@ class _Asked:
         name, effects = self.candidates[g].name, self.session.model.effects
         return next((f.theta for f in effects if self.candidates[g].effect is not None and f.effect.name == name), None)
 
-    def frame(self) -> np.ndarray:
-        """Least-squares change of the measuring frame (0, 6 or 9) [m, rad]."""
-        from pcalib.changes.session import FRAME_PRIOR
-
-        J = self.session.frame
-        if not J.shape[1]:
-            return np.zeros(0)
-        return np.linalg.lstsq(J, self.session.y, rcond=1e-10)[0] * FRAME_PRIOR[: J.shape[1]]
+    def frame(self, changed: Sequence[str]) -> np.ndarray:
+        """Least-squares change of the measuring frame (0, 6 or 9) [m, rad], beside the changes of these names."""
+        new, n = self.session, self.session.frame.shape[1]
+        beside = [
+            new.whitened(c.columns) * c.scale
+            for c, slip in zip(self.candidates, self.slips, strict=True)
+            if c.name in changed and slip is None
+        ]
+        both = np.hstack([new.frame, *beside])
+        return np.linalg.lstsq(both, new.y, rcond=1e-10)[0][:n] * FRAME_PRIOR[:n]
 
 
 def hypotheses(model: Model) -> list[Hypothesis]:
     """Every part of the robot as a hypothesis."""
-    mechanism = model.robot.mechanism
-    out = []
-    for part in mechanism.parts:
-        moved = np.abs(part.basis) > 0
-        units = tuple(mechanism.units[int(np.argmax(column))] for column in moved.T)
-        out.append(Hypothesis(Kind.PART, part.name, part.name, None, part.basis, units, part.words))
-    return out
+    return [Hypothesis.part(part, model) for part in model.robot.mechanism.parts]
 
 
 def _simplest(candidate: Candidate) -> bool:

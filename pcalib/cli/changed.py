@@ -80,6 +80,9 @@ def command(
         assert output is not None
         _update(old, found, same_setup, output, data)
     elif not more and found.sets:
+        rivals = ["+".join(e.names) for e in found.sets[:2] if not e.slips]
+        if found.verdict == "ambiguous" and len(rivals) == 2:
+            say(f"Next: pcalib next {data} --model {model} --between {','.join(rivals)} -n 6 -o more.csv")
         say(f"Next: pcalib changed {data} --model {model} --update -o {data.stem}.toml")
     if chart is not None:
         say(f"Chart written to {chart}.")

@@ -39,7 +39,8 @@ def command(
 
     Args:
         data: Measurement file, CSV or Parquet: what is known already.
-        between: Two explanations separated by a comma: effects or geometry levels, several joined by +, or 'nothing'.
+        between: Two explanations separated by a comma: effects, geometry levels or parts that may have changed (as
+            'pcalib changed' names them), several joined by +, or 'nothing'.
         n: How many rows to plan.
         output: Plan to write, CSV: to be measured, or given to 'pcbench simulate --plan'.
         payload: A mass at hand, e.g. 2kg; may be given several times. Those of the data when absent.

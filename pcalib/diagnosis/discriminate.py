@@ -18,7 +18,7 @@ import numpy as np
 
 from pcalib import planning, prediction
 from pcalib.data.measurement import Measurements
-from pcalib.diagnosis.hypothesis import Hypothesis, resolve
+from pcalib.diagnosis.hypothesis import Hypothesis, Kind, resolve
 from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.problem import Problem, problem, spread, unknowns_for
 from pcalib.effects.base import Effect
@@ -125,7 +125,9 @@ def next_rows(
     Args:
         model: a model that has neither explanation.
         data: the measurements so far.
-        between: two explanations: names of effects or geometry levels, several joined by +, or 'nothing'.
+        between: two explanations: names of effects, geometry levels or parts of the robot, several joined by +, or
+            'nothing'. Of parts one is asked which of them changed since the model's session: the rest of the geometry
+            is held by what its fit knew.
         n: how many rows.
         own: the user's own effects.
 
@@ -133,8 +135,23 @@ def next_rows(
         EffectError: a name that is unknown or that the model has already.
         InputError: not two different explanations, or no rows.
     """
-    rivals = [[resolve(name, model, own) for name in side.split("+") if name != "nothing"] for side in between]
+    rivals = [
+        [resolve(name, model, own, parts=True) for name in side.split("+") if name != "nothing"] for side in between
+    ]
+    if held(rivals):
+        if model.posterior is None:
+            raise InputError(
+                "the model keeps no uncertainty of its fit, which a plan for parts counts with",
+                remedy="fit it again from the data of its session: pcalib fit DATA.csv --robot R.toml -o MODEL.toml",
+            )
+        if data.frame == "tracker":  # the tracker was set up anew for the session
+            model = replace(model, frame=None)
     return plan(problem(model, data, own), rivals, n, options)
+
+
+def held(rivals: Sequence[Rival]) -> bool:
+    """Whether parts are asked about, so that the geometry is held by the model's posterior and not fitted anew."""
+    return any(h.kind is Kind.PART for rival in rivals for h in rival)
 
 
 def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None = None) -> Plan:
@@ -163,7 +180,7 @@ def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None
     needs = {need for rival in rivals for e in rival for need in e.needs}
     known = _neutral(linearisation.conditions_of(data), needs)
     old = _rows(made, rivals, unknowns, data.q, known, lambda _, columns: made.in_noise_units(columns))
-    theta = [_size(made, old, side) for side in range(2)]
+    theta = [_size(made, old, side, held(rivals)) for side in range(2)]
     start = [_Discrepancy.start(old, theta[side], side) for side in range(2) if rivals[side]]
 
     q, conditions = _candidates(made, rivals, options, rng)
@@ -246,11 +263,19 @@ def _rows(
     model = made.model
     p = prediction.predict(model, q, conditions)
     point = Point.of(model, p, conditions)
-    parts = [prediction.geometry_columns(model, p, point.closure, point.JX, unknowns.basis)]
+    known = held(rivals)
+    basis = model.robot.mechanism.levels[model.level].basis if known else unknowns.basis
+    parts = [prediction.geometry_columns(model, p, point.closure, point.JX, basis)]
     parts.append(point.columns(prediction.unit_contributions(model, point.situation)))
+    scale = unknowns.scale * spread(model, unknowns)
+    if known:
+        assert model.posterior is not None
+        parts, scale = [np.concatenate(parts, axis=-1) @ model.posterior.factor], np.ones(len(model.posterior.names))
     if unknowns.n_frame:
-        parts.append(prediction.frame_columns(model, p))
-    parts = [np.concatenate(parts, axis=-1) * unknowns.scale * spread(model, unknowns)]
+        frame = prediction.frame_columns(model, p)
+        parts.append(frame)
+        scale = np.r_[scale, np.ones(frame.shape[-1])] if known else scale
+    parts = [np.concatenate(parts, axis=-1) * scale]
     for rival in rivals:
         columns = [h.columns(point) * h.scale(model) for h in rival]
         parts.append(np.concatenate([*columns, np.zeros((len(q), 6, 0))], axis=-1))
@@ -258,12 +283,12 @@ def _rows(
     return _Rows(nuisance, (first, second), p.position, p.status == "ok")
 
 
-def _size(made: Problem, old: _Rows, side: int) -> np.ndarray:
+def _size(made: Problem, old: _Rows, side: int, parts: bool) -> np.ndarray:
     """Fitted parameters of a rival in units of their usual size; that size itself where the data cannot tell."""
     E = old.rivals[side][made.row, made.component]
     if E.shape[1] == 0:
         return np.zeros(0)
-    N = made.nuisance
+    N = old.nuisance[made.row, made.component] if parts else made.nuisance
     outside = E - N @ np.linalg.solve(N.T @ N + np.eye(N.shape[1]), N.T @ E)
     theta = np.linalg.lstsq(outside, made.y, rcond=1e-6)[0]
     return theta if np.linalg.norm(outside @ theta) > 3.0 else np.ones(E.shape[1])

@@ -17,6 +17,7 @@ from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, unknown
 from pcalib.fitting.identifiability import PRIOR
 from pcalib.fitting.unknowns import unknowns_of
+from pcalib.mechanics.mechanism import Part
 from pcalib.model import FittedEffect, Model
 
 
@@ -61,6 +62,13 @@ class Hypothesis:
         """A geometry level of the model's mechanism."""
         level = model.robot.mechanism.levels[name]
         return cls(Kind.LEVEL, name, name, None, level.basis, level.units, f"geometry of level {name}")
+
+    @classmethod
+    def part(cls, part: Part, model: Model) -> Hypothesis:
+        """A part of the model's robot that may have changed."""
+        mechanism = model.robot.mechanism
+        units = tuple(mechanism.units[int(np.argmax(column))] for column in np.abs(part.basis).T)
+        return cls(Kind.PART, part.name, part.name, None, part.basis, units, part.words)
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -113,16 +121,20 @@ def with_effects(model: Model, added: Sequence[FittedEffect]) -> Model:
     return replace(model, effects=(*(f for f in model.effects if f.effect.name not in names), *added))
 
 
-def resolve(spec: str, model: Model, own: Sequence[Effect] = ()) -> Hypothesis:
+def resolve(spec: str, model: Model, own: Sequence[Effect] = (), parts: bool = False) -> Hypothesis:
     """The hypothesis that a command line names, which the model must lack.
 
     Args:
-        spec: NAME or NAME:variant of the library, FILE.py:Class, or a geometry level.
+        spec: NAME or NAME:variant of the library, FILE.py:Class, a geometry level, or a part of the robot.
         own: the user's own effects that were loaded already.
+        parts: whether a part of the robot is asked about: as what changed, and not as what is missing.
 
     Raises:
         EffectError: unknown, in the model already, or a level that is no extension of the model's.
     """
+    for part in model.robot.mechanism.parts if parts else ():
+        if part.name == spec:
+            return Hypothesis.part(part, model)
     if spec in model.robot.mechanism.levels:
         if spec == model.level:
             remedy = "'pcalib diagnose' says what else may be missing"

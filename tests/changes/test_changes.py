@@ -20,7 +20,8 @@ from pcalib.changes.search import changes, hypotheses
 from pcalib.changes.update import update
 from pcalib.data import measurement
 from pcalib.data.measurement import Measurements
-from pcalib.errors import FitError, InputError
+from pcalib.diagnosis.discriminate import next_rows
+from pcalib.errors import EffectError, FitError, InputError
 from pcalib.fitting import identification
 from pcalib.model import FittedEffect, Model
 
@@ -220,3 +221,16 @@ def test_a_backlash_that_grew_is_a_change_of_what_the_model_has():
     assert "before" in telling.amount(member)
     after = update(model, drawn.second([play], 3.0), [member.candidate.hypothesis]).model
     assert after.effects[0].theta == pytest.approx(3 * model.effects[0].theta, rel=0.15)
+
+
+def test_rows_that_tell_rival_parts_apart_are_planned():
+    _, model = _first("delta")
+    data = _second("delta", "l21", [120e-6])
+    found = next_rows(model, data, ("l21", "b21"), 6)
+    assert found.between == ("l21", "b21")
+    assert found.before < found.after[0] < found.after[-1]
+    assert found.after[-1] > found.more_of_the_same * 0.9
+    with pytest.raises(InputError, match="keeps no uncertainty"):
+        next_rows(replace(model, posterior=None), data, ("l21", "b21"), 6)
+    with pytest.raises(EffectError, match="unknown effect or level"):
+        next_rows(model, data, ("l99", "b21"), 6)
