@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from pcalib.changes.search import changes as changed
+    from pcalib.changes.update import update as update
     from pcalib.compensation import Commands as Commands
     from pcalib.compensation import compensate as compensate
     from pcalib.data.measurement import Measurements as Measurements
