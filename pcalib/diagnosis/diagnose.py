@@ -160,8 +160,6 @@ def diagnose(
     if sets and not sets[0].names and (made.outliers.too_many or given.against):
         sets = []  # what a refit leaves of the rows to fit may look like noise, but the rest does not
     sets = _doubted(sets, made, screen, held, data)
-    if len(sets) == 1 and (change := sets[0].held_out) is not None and change.refuted:
-        sets = []  # the only explanation that is left is none where held-out rows speak against it
     hot = cells(made.patterns, len(made.candidates), screen, start.p, null)
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)
