@@ -24,6 +24,7 @@ def command(
     *,
     model: ModelOption,
     most: int = 2,
+    plausible: tuple[str, ...] = (),
     effect_file: EffectFiles = (),
     report: BesideOption = None,
     seed: SeedOption = 0,
@@ -38,6 +39,7 @@ def command(
     Args:
         data: Measurement file, CSV or Parquet.
         most: Most effects in one explanation.
+        plausible: NAME=FACTOR widens what sizes of an effect count as plausible, for a robot that is known to be odd.
         report: Also write a report, one self-contained HTML file.
         seed: Seed of the Monte-Carlo draws that set the limits of significance.
     """
@@ -52,7 +54,7 @@ def command(
     if not 1 <= most <= 3:
         raise InputError(f"--most {most} effects in one explanation are not searched", remedy="choose 1, 2 or 3")
     calibrated, measured, own = read(model, data, effect_file)
-    found = diagnose(calibrated, measured, own, largest=most, seed=seed)
+    found = diagnose(calibrated, measured, own, largest=most, seed=seed, widened=_widened(plausible))
     laws = beside(found, seed)
     proposed = telling.as_json(laws.proposals, None)["laws"] if laws is not None else []
     expected, uncertainty = outlook.said(calibrated, rivals.models(calibrated, effect_file))
@@ -68,6 +70,29 @@ def command(
     if report is not None:
         say(f"Report written to {report}.")
     return None
+
+
+def _widened(plausible: tuple[str, ...]) -> dict[str, float]:
+    """Effect → factor, from NAME=FACTOR.
+
+    Raises:
+        InputError: no known effect, or no factor above 0.
+    """
+    from pcalib import effects
+    from pcalib.errors import InputError, unknown
+
+    out = {}
+    for text in plausible:
+        name, _, factor = text.partition("=")
+        if name not in effects.names():
+            raise InputError(unknown("effect of the library", name, effects.names()), remedy="write NAME=FACTOR")
+        try:
+            out[name] = float(factor)
+        except ValueError:
+            out[name] = 0.0
+        if not 0 < out[name] < 1e6:
+            raise InputError(f"--plausible {text}: '{factor}' is no factor", remedy=f"write e.g. {name}=3")
+    return out
 
 
 def show(found: Diagnosis, laws: Beside | None = None) -> None:
@@ -96,10 +121,7 @@ def show(found: Diagnosis, laws: Beside | None = None) -> None:
     if hot := telling.hot_cells(found.cells):
         show_table(
             ("where", "by", "s", "p"),
-            [
-                (telling.channel(c), telling.variable(c), f"{c.s:.1f}", telling.p_text(c.p))
-                for c in hot[:6]
-            ],
+            [(telling.channel(c), telling.variable(c), f"{c.s:.1f}", telling.p_text(c.p)) for c in hot[:6]],
             title="Where it shows",
         )
     if found.verdict == "nothing_missing":

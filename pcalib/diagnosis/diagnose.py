@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
 from pcalib.data.measurement import Measurements
-from pcalib.diagnosis import adequacy
+from pcalib.diagnosis import adequacy, plausibility
 from pcalib.diagnosis.adequacy import AGAINST, SEARCH, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
 from pcalib.diagnosis.held_out import HeldOut, refitted
@@ -104,6 +104,8 @@ class _World:
     screen: Screen
     null: np.ndarray
     """(n,) smallest p of noise draws, ascending."""
+    widened: Mapping[str, float]
+    """Effect → factor by which what is plausible of it is widened."""
 
     def adequate(self, size: int, level: float) -> list[tuple[int, ...]]:
         """Sets of exactly `size` effects beside the geometry level, the simplest variant of each combination."""
@@ -126,6 +128,7 @@ def diagnose(
     seed: int = 0,
     without: Sequence[str] = (),
     against: tuple[float, float] = AGAINST,
+    widened: Mapping[str, float] | None = None,
 ) -> Diagnosis:
     """Which effect is missing from a model.
 
@@ -136,6 +139,7 @@ def diagnose(
         n_draws: Monte-Carlo draws of pure noise.
         without: names of effects that are not considered, because they are known not to be there.
         against: share of true explanations that may be dropped, single ones and larger ones.
+        widened: effect → factor by which the range of its plausible sizes is widened, for robots known to be odd.
 
     Raises:
         InputError: too few readings to say anything.
@@ -154,7 +158,9 @@ def diagnose(
     null = adequacy.null_distribution(screen)
     critical = float(np.quantile(null, alpha))
     levels = (alpha, against[0], *[against[1]] * (largest - 1))[: largest + 1]
-    sets, events = _explanations(_World((), made, screen, null), data, own, levels, n_draws, seed, without)
+    sets, events = _explanations(
+        _World((), made, screen, null, widened or {}), data, own, levels, n_draws, seed, without
+    )
     held = HeldOut.of(made, data)
     given = _as_given(made, screen, held)
     if sets and not sets[0].names and (made.outliers.too_many or given.against):
@@ -264,7 +270,7 @@ def _explanations(
             for chosen in world.adequate(room, level):
                 explained = _explanation(world, chosen)
                 found.setdefault(explained.names, explained)
-        ordered = sorted(found.values(), key=lambda e: e.bic)
+        ordered = sorted(found.values(), key=lambda e: (bool(e.implausible), e.bic))
         events = _events(start, level) if size == 1 else []
         if events and not (ordered and ordered[0].bic < events[0].bic - CLEARLY):
             which = tuple(event.pattern for event in events)
@@ -274,7 +280,7 @@ def _explanations(
         if ordered:
             return ordered, ()
         if size == 0:  # something is missing: now it is worth the refits at richer levels
-            worlds += _richer(made, data, own, n_draws, seed, without)
+            worlds += _richer(start, data, own, n_draws, seed, without)
     return [], ()
 
 
@@ -352,7 +358,7 @@ def _simpler(names: tuple[str, ...], prefix: tuple[str, ...], made: Problem) -> 
 
 
 def _richer(
-    made: Problem,
+    start: _World,
     data: Measurements,
     own: Sequence[Effect],
     n_draws: int,
@@ -360,7 +366,7 @@ def _richer(
     without: Sequence[str],
 ) -> list[_World]:
     """The same data at every richer geometry level, refitted: large errors are not linear."""
-    out = []
+    out, made = [], start.problem
     for candidate in made.candidates:
         if candidate.effect is not None:
             continue
@@ -371,7 +377,8 @@ def _richer(
         known = made.noise if made.noise.source == "replicates" else None
         rebuilt = problem(fitted, data, own, known, without=without)
         screen = rebuilt.screen(n_draws, seed)
-        out.append(_World((candidate.name,), rebuilt, screen, adequacy.null_distribution(screen)))
+        null = adequacy.null_distribution(screen)
+        out.append(_World((candidate.name,), rebuilt, screen, null, start.widened))
     return out
 
 
@@ -388,12 +395,15 @@ def _explanation(world: _World, chosen: tuple[int, ...]) -> Explanation:
         Q = screen.joint(chosen)
         rest = rest - np.sum((Q.T @ screen.y) ** 2)
     columns = sum(len(made.candidates[g].scale) for g in chosen) + _columns(made)
+    parts = tuple(members[i] for i in order)
+    theta, sigma = (tuple(each[i] for i in order) for each in (values, spread))
     return Explanation(
-        members=tuple(members[i] for i in order),
-        theta=tuple(values[i] for i in order),
-        sigma=tuple(spread[i] for i in order),
+        members=parts,
+        theta=theta,
+        sigma=sigma,
         bic=float(rest + columns * np.log(len(made.y))),
         at_edge=edge,
+        implausible=plausibility.judge(parts, theta, sigma, world.widened),
     )
 
 

@@ -15,7 +15,7 @@ from pcalib.diagnosis.held_out import Change
 from pcalib.diagnosis.patterns import Cell, spoken
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import Step
-from pcalib.diagnosis.verdict import Against
+from pcalib.diagnosis.verdict import Against, Explanation
 from pcalib.fitting.identification import Accuracy, Fit
 from pcalib.wording import angle, clipped, deviation, figure, size, small
 
@@ -97,7 +97,7 @@ def _verdict(found: Diagnosis) -> str:
         return f"What is missing: {found.sets[0].words()}."
     if found.verdict == "ambiguous":
         if len(found.sets) == 1:
-            return f"Perhaps {found.sets[0].words()}; {', and '.join(found.sets[0].doubts)}."
+            return f"Perhaps {found.sets[0].words()}; {', and '.join(_doubts(found.sets[0]))}."
         options = _or([" with ".join(n for n in e.names if n not in found.established) for e in found.sets])
         sure = f"{' and '.join(found.established)} in any case, and with it " if found.established else ""
         return f"Something is missing: {sure}{options}. These poses cannot tell which."
@@ -116,6 +116,11 @@ def _verdict(found: Diagnosis) -> str:
             return "Something is missing that the rows to fit do not show."
         return "" if Against.STALE in found.given.against else "Something is missing, or σ is stated too small."
     return f"Something is missing, and no effect of the library explains it. {_where(found)}"
+
+
+def _doubts(best: Explanation) -> list[str]:
+    """Why an explanation is not established; sizes that robots do not have are said in figures."""
+    return [*best.doubts, *(f"its {odd.words}: look at that part, or it is something else" for odd in best.implausible)]
 
 
 def _or(options: Sequence[str]) -> str:
@@ -165,6 +170,8 @@ def details(found: Diagnosis) -> list[str]:
     out += [f"Held-out poses: {_held_out(e.held_out)}." for e in found.sets if e.held_out is not None]
     if found.sets and found.events:
         out.append(f"It may as well be an event: {broken(found.problem, found.events[0])}.")
+    if len(found.sets) > 1:
+        out += [f"{odd.effect}: its {odd.words}." for e in found.sets for odd in e.implausible]
     if found.verdict == "ambiguous" and len(found.sets) > 1:
         out.append("Until more is measured, any of them corrects poses like these equally well.")
     if not found.noise.verified and found.verdict in ("established", "ambiguous", "unexplained"):

@@ -10,6 +10,7 @@ import numpy as np
 
 from pcalib.diagnosis.held_out import Change
 from pcalib.diagnosis.hypothesis import Hypothesis
+from pcalib.diagnosis.plausibility import Implausible
 
 VERDICTS = ("nothing_missing", "established", "ambiguous", "unexplained")
 LOUD = 1.3
@@ -32,8 +33,6 @@ class Doubt(StrEnum):
     CLOSE = "replicates lie too close in time to stand for slow noise, which would look the same"
     FEW = "too few readings are left over to establish anything"
     EDGE = "a parameter lies at the edge of its physical range"
-    FAR = "its parameters are many usual sizes large"
-    UNLIKE = "its arms or rods differ by more than parts of one make do"
 
 
 class Against(StrEnum):
@@ -85,6 +84,8 @@ class Explanation:
     """Bayesian information criterion; it orders, and never decides."""
     at_edge: bool = False
     """A parameter lies at the edge of its physical range."""
+    implausible: tuple[Implausible, ...] = ()
+    """What is odd about the fitted sizes."""
     held_out: Change | None = None
     """What held-out rows say after a full refit; None where it was not asked, or where no row is held out."""
     doubts: tuple[Doubt, ...] = ()
@@ -111,7 +112,7 @@ def decide(sets: Sequence[Explanation]) -> tuple[str, tuple[str, ...]]:
         return "unexplained", ()
     if sets[0].names == ():
         return "nothing_missing", ()
-    sure = () if sets[0].doubts else shared(sets)
+    sure = () if sets[0].doubts or sets[0].implausible else shared(sets)
     return "established" if len(sets) == 1 and sure else "ambiguous", sure
 
 

@@ -34,6 +34,14 @@ class EffectParameter:
     low: float = -np.inf
     """[SI] physical range; a fitted value outside it is reported."""
     high: float = np.inf
+    plausible: tuple[float, float] = (-np.inf, np.inf)
+    """[SI] What working robots have; the file of the effect names the source. Parts within their physical range and far
+    outside this one are broken, or something else is behind the value."""
+    alike: float = np.inf
+    """How much the arms or rods of one robot differ from each other [1σ, as a share of what they have in common]: parts
+    of one make and material do not differ by more. Infinite where each has a value of its own."""
+    quantity: str = ""
+    """The name without that of its arm or rod; empty where it has none."""
 
 
 @dataclass(frozen=True)

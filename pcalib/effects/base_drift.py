@@ -7,11 +7,15 @@ import numpy as np
 from pcalib.effects.base import Contribution, EffectParameter, Situation
 from pcalib.effects.library import LibraryEffect
 
+HOUR = 3600.0
+"""[s]"""
+
 
 class BaseDrift(LibraryEffect):
     """x → exp(ω·t)·x + v·t, R → exp(ω·t)·R with constant rates v [m/s], ω [rad/s], t from the first row.
 
-    A tracker that creeps gives the same readings. Tenths of a millimetre in two hours of warm-up are usual.
+    A tracker that creeps gives the same readings. Tenths of a millimetre in two hours of warm-up are usual; more than
+    1 mm or 2 mrad an hour is not plausible of a frame that stands.
     """
 
     title = "the base or the tracker creeps with time"
@@ -21,9 +25,10 @@ class BaseDrift(LibraryEffect):
 
     needs = ("time",)
 
-    quantities = (
-        *(EffectParameter(f"v{a}", "um_h", 1e-4 / 3600, -0.01 / 3600, 0.01 / 3600) for a in "xyz"),
-        *(EffectParameter(f"w{a}", "urad_h", 1e-4 / 3600, -0.02 / 3600, 0.02 / 3600) for a in "xyz"),
+    quantities = tuple(
+        EffectParameter(f"{what}{axis}", unit, 1e-4 / HOUR, -most / HOUR, most / HOUR, (-usual / HOUR, usual / HOUR))
+        for what, unit, most, usual in (("v", "um_h", 0.01, 1e-3), ("w", "urad_h", 0.02, 2e-3))
+        for axis in "xyz"
     )
 
     def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:

@@ -9,13 +9,16 @@ from pcalib.effects.library import PlacedEffect
 
 
 class GearRatio(PlacedEffect):
-    """δq_i = g·q_i, g dimensionless. More than 0.1 % suggests wrong units or a wrong tooth count."""
+    """δq_i = g·q_i, g dimensionless. More than 0.1 % suggests wrong units or a wrong tooth count.
+
+    Belts reach 0.5 % by the thickness of their teeth.
+    """
 
     title = "the gear ratio is off"
     channels = ("actuator",)
     wants = ("wide range of motor positions",)
 
-    quantities = (EffectParameter("ratio_error", "ppm", 5e-4, -2e-2, 2e-2),)
+    quantities = (EffectParameter("ratio_error", "ppm", 5e-4, -2e-2, 2e-2, plausible=(-5e-3, 5e-3)),)
 
     def shapes(self, at: Situation) -> np.ndarray:
         return at.q[None]

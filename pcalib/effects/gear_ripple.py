@@ -13,7 +13,9 @@ SCANNED = tuple(range(8, 121))
 
 @dataclass(frozen=True)
 class GearRipple(Harmonic):
-    """δq_i = Σ_n A_n·sin nq_i + B_n·cos nq_i [rad], n cycles per turn of the motor axis; up to 6 arcmin.
+    """δq_i = Σ_n A_n·sin nq_i + B_n·cos nq_i [rad], n cycles per turn of the motor axis.
+
+    Strain-wave gears have 0.5–1.5 arcmin; more than 3 (1e-3 rad) is not plausible.
 
     n is `[drive] ripple_per_turn` of the robot file; without it, a diagnosis scans n and corrects p for the scan.
     """
@@ -29,7 +31,7 @@ class GearRipple(Harmonic):
 
     def numbers(self) -> tuple[EffectParameter, ...]:
         return tuple(
-            EffectParameter(f"{part}{n}", "arcsec", 2e-4, -1e-2, 1e-2)
+            EffectParameter(f"{part}{n}", "arcsec", 2e-4, -1e-2, 1e-2, plausible=(-1e-3, 1e-3))
             for n in self.cycles
             for part in ("sine", "cosine")
         )

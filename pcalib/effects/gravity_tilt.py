@@ -13,7 +13,8 @@ class GravityTilt(LibraryEffect):
     """g → exp(ρ)·g with ρ = (ρx, ρy, 0) [rad]: what the other effects add under that gravity, less what they add now.
 
     A rigid robot does not feel it: it is seen only through effects that answer to load (compliances, clearance),
-    and only where one of them is in the model.
+    and only where one of them is in the model. More than 0.1 rad is not
+    plausible, because it is seen by eye.
     """
 
     title = "the robot hangs crooked in gravity"
@@ -23,7 +24,7 @@ class GravityTilt(LibraryEffect):
     indirect = True
     wants = ("a compliance in the model", "payload")
 
-    quantities = tuple(EffectParameter(f"tilt_{a}", "mrad", 1e-2, -0.3, 0.3) for a in "xy")
+    quantities = tuple(EffectParameter(f"tilt_{a}", "mrad", 1e-2, -0.3, 0.3, plausible=(-0.1, 0.1)) for a in "xy")
 
     def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
         total = Contribution()
@@ -35,9 +36,7 @@ class GravityTilt(LibraryEffect):
             total = total + effect.contribution(tilted, value) + effect.contribution(now, value).scaled(-1.0)
         return total
 
-    def through(
-        self, at: Situation, theta: np.ndarray, other: Effect, other_theta: np.ndarray
-    ) -> list[Contribution]:
+    def through(self, at: Situation, theta: np.ndarray, other: Effect, other_theta: np.ndarray) -> list[Contribution]:
         by = (other.basis(there, other_theta) for there in self._both(at, theta))
         return [tilted + now.scaled(-1.0) for tilted, now in zip(*by, strict=True)]
 

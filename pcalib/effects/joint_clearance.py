@@ -9,7 +9,7 @@ from pcalib.effects.library import PlacedEffect
 
 
 class JointClearance(PlacedEffect):
-    """l_r → l_r + (c/2)·sign T_r [m], c > 0 the whole gap; 4–12 µm.
+    """l_r → l_r + (c/2)·sign T_r [m], c > 0 the whole gap; 4–12 µm, in worn plastic joints 200.
 
     It is constant, and so invisible, where no rod force changes sign.
     """
@@ -19,7 +19,7 @@ class JointClearance(PlacedEffect):
     channels = ("rod",)
     wants = ("poses at which rod forces change sign",)
 
-    quantities = (EffectParameter("gap", "um", 1e-5, 0.0, 1e-3),)
+    quantities = (EffectParameter("gap", "um", 1e-5, 0.0, 1e-3, plausible=(0.0, 2e-4)),)
 
     def shapes(self, at: Situation) -> np.ndarray:
         return 0.5 * np.sign(at.tension)[None]

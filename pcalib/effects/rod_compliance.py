@@ -9,14 +9,14 @@ from pcalib.effects.library import PlacedEffect, stiffness
 
 
 class RodCompliance(PlacedEffect):
-    """δl_r = c·T_r with c = 1/k [m/N], T > 0 tension; k = EA/l is 10–50 N/µm with joints."""
+    """δl_r = c·T_r with c = 1/k [m/N], T > 0 tension; k = EA/l is 10–50 N/µm with joints, in thin tubes 0.5."""
 
     title = "rods stretch under load"
     variants = ("common", "arm", "rod")
     channels = ("rod",)
     wants = ("payload",)
 
-    quantities = (EffectParameter("compliance", "um_N", 5e-8, 0.0, 1e-5),)
+    quantities = (EffectParameter("compliance", "um_N", 5e-8, 0.0, 1e-5, plausible=(0.0, 2e-6), alike=0.5),)
 
     def shapes(self, at: Situation) -> np.ndarray:
         return at.tension[None]

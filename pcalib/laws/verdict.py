@@ -35,7 +35,8 @@ def beside(found: Diagnosis, seed: int = 0) -> Beside | None:
 
     Nothing is searched for unless the diagnosis has raised its alarm, so that proposals raise none of their own.
     """
-    if found.verdict not in ("unexplained", "established") or found.problem.outliers.too_many:
+    doubted = bool(found.sets) and bool(found.sets[0].implausible)
+    if not (found.verdict in ("unexplained", "established") or doubted) or found.problem.outliers.too_many:
         return None
     proposals = propose(found.problem, seed=seed)
     if found.verdict == "unexplained":
