@@ -1,0 +1,76 @@
+"""Noise that is correlated in time is recognised and measured, with readings made by a recursion of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pcalib.data.measurement import Measurements
+from pcalib.fitting import memory as memories
+
+ROWS, RHO, TAU = 150, 0.5, 6.0
+
+
+def readings(rng, rho, n=ROWS) -> np.ndarray:
+    """(n·6,) scalars of unit variance, row by row; `rho` of it in a first-order recursion from row to row."""
+    keep = np.exp(-1.0 / TAU)
+    slow = rng.standard_normal((n, 6))
+    for i in range(1, n):
+        slow[i] = keep * slow[i - 1] + np.sqrt(1 - keep**2) * slow[i]
+    return (np.sqrt(1 - rho) * rng.standard_normal((n, 6)) + np.sqrt(rho) * slow).ravel()
+
+
+def basis_of(rng, columns, n=ROWS) -> np.ndarray:
+    """(n·6, columns) orthonormal directions that a model of poses in no order takes up."""
+    return np.linalg.qr(rng.standard_normal((6 * n, columns)))[0]
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(11)
+
+
+@pytest.fixture
+def where():
+    return np.repeat(np.arange(ROWS), 6), np.tile(np.arange(6), ROWS)
+
+
+@pytest.fixture
+def data(delta, rng) -> Measurements:
+    return Measurements.create(delta, rng.uniform(-0.5, 0.5, (ROWS, 3)), np.zeros((ROWS, 3)))
+
+
+def found(data, y, rng, where):
+    U = basis_of(rng, 40)
+    slow = np.linalg.qr(np.hstack([U, basis_of(rng, 120)]))[0]
+    return memories.memory(data, y - U @ (U.T @ y), U, slow, *where)
+
+
+def test_share_and_duration_are_measured(data, rng, where):
+    seen = [found(data, readings(rng, RHO), rng, where) for _ in range(8)]
+    assert all(seen)
+    assert np.mean([m.share for m in seen]) == pytest.approx(RHO, abs=0.07)
+    assert all(2 <= m.rows <= 16 for m in seen)
+
+
+def test_white_noise_has_no_memory(data, rng, where):
+    assert not any(found(data, readings(rng, 0.0), rng, where) for _ in range(12))
+
+
+def test_a_slow_cause_that_may_be_missing_is_no_memory(data, rng, where):
+    """A drift is correlated in time; only what is left beside everything slow speaks for noise."""
+    drift = np.repeat(np.linspace(-1.5, 1.5, ROWS), 6)
+    U = basis_of(rng, 40)
+    slow = np.linalg.qr(np.hstack([U, drift[:, None], basis_of(rng, 60)]))[0]
+    y = readings(rng, 0.0) + drift
+    assert memories.memory(data, y - U @ (U.T @ y), U, slow, *where) is None
+
+
+def test_whitened_readings_are_white(data, rng):
+    memory = memories.Memory(TAU, TAU, (RHO, RHO))
+    factors = memory.whitener(data)[:1] if data.mask[:, 0].any() else []
+    turned = np.array([factors[0] @ readings(rng, RHO).reshape(ROWS, 6) for _ in range(40)])
+    flat = turned.transpose(1, 0, 2).reshape(ROWS, -1)
+    covariance = flat @ flat.T / flat.shape[1]
+    assert np.mean(np.diag(covariance)) == pytest.approx(1.0, abs=0.05)
+    assert np.abs(np.mean([covariance[i, i + lag] for lag in (1, 3) for i in range(ROWS - lag)])) < 0.03
