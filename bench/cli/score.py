@@ -15,8 +15,8 @@ def command(folder: Path, /, *, json: JsonOption = None) -> int:
     """Grade diagnoses of blind data sets against their sealed truths.
 
     Looks for NNN.diagnosis.json (of pairs of sessions NNN.changes.json) beside every NNN.csv of a folder that
-    `pcbench blind` made. Exit code 1 where a bound
-    is missed by more than chance allows, or a data set has no diagnosis.
+    `pcbench blind` made. The exit code is 1 if a bound is missed by more than chance allows, or if a data set has no
+    diagnosis.
 
     Args:
         folder: What `pcbench blind` wrote.
@@ -28,8 +28,8 @@ def command(folder: Path, /, *, json: JsonOption = None) -> int:
     if pairs.holds_changes(folder):
         return _changes(folder, json)
     found = scores.score(folder)
-    wrong = sum(g.words in ("wrong", "false alarm", "taken for a known effect") for g in found.grades)
-    right = sum(g.words.startswith("right") for g in found.grades)
+    wrong = sum(g.mark.is_wrong for g in found.grades)
+    right = sum(g.mark.is_right for g in found.grades)
     is_wrong = "1 is wrong" if wrong == 1 else f"{wrong} are wrong"
     frame.say(f"{right} of {len(found.grades)} diagnoses are right, {is_wrong}, the others undecided or missed.")
     frame.show_table(
@@ -42,7 +42,7 @@ def command(folder: Path, /, *, json: JsonOption = None) -> int:
                 f"{g.facts.size:.1f}" if g.facts.faults else "",
                 g.answer.verdict.replace("_", " "),
                 " or ".join(" + ".join(names) for names in g.answer.adequate if names),
-                g.words,
+                g.mark.value,
             )
             for name, design, g in zip(found.names, found.designs, found.grades, strict=True)
         ],

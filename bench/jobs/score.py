@@ -45,7 +45,7 @@ class Score:
                 | {"truth": list(g.facts.effects or g.facts.faults)}
                 for name, design, g in zip(self.names, self.designs, self.grades, strict=True)
             ],
-            "grades": dict(Counter(g.words for g in self.grades)),
+            "grades": dict(Counter(g.mark.value for g in self.grades)),
             "bounds": [line.to_json() for line in self.lines],
             "missing": list(self.missing),
             "holds": self.holds,

@@ -204,7 +204,7 @@ def test_a_blind_set_goes_through_the_commands(tmp_path):
     assert ended.returncode in (0, 1) and "Traceback" not in ended.stderr
     [scored] = json.loads((tmp_path / "score.json").read_text())["sets"]
     graded = Grade(facts, Answer.of_json(json.loads(Path(answer).read_text())))
-    assert scored["grade"] == graded.words and scored["kind"] == facts.kind
+    assert scored["grade"] == graded.mark.value and scored["kind"] == facts.kind
 
 
 def pcbench(*arguments):

@@ -7,7 +7,7 @@ from scipy.stats import binom
 
 from bench import cli
 from bench.jobs import blind
-from bench.jobs.hidden.grading import Answer, Facts, Grade, Line, lines
+from bench.jobs.hidden.grading import Answer, Facts, Grade, Line, Mark, lines
 from bench.jobs.score import score
 from pcalib.errors import InputError
 
@@ -45,7 +45,7 @@ def grade(effects, verdict, established=(), adequate=(), faults=None, size=8.0, 
     ],
 )
 def test_grades(made, words):
-    assert made.words == words
+    assert made.mark.value == words
 
 
 def test_what_is_hidden_decides_what_is_asked():
@@ -120,7 +120,7 @@ def test_a_folder_is_scored(folder, tmp_path, capsys):
 def test_a_wrong_answer_and_a_missing_one_show(folder, capsys):
     diagnosis(folder, "002", "established", ["thermal_rods"], [["thermal_rods"]])
     found = score(folder)
-    assert found.missing == ("001",) and found.grades[0].words == "wrong" and not found.holds
+    assert found.missing == ("001",) and found.grades[0].mark is Mark.WRONG and not found.holds
     assert cli.main(["score", str(folder)]) == 1
     said = capsys.readouterr().out
     assert "Without a diagnosis: 001" in said and "1 is wrong" in said

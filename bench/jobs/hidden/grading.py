@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 from pcalib import files
@@ -71,6 +72,30 @@ class Answer:
         return answer
 
 
+class Mark(Enum):
+    """How good a diagnosis is; the value is the text of tables and files."""
+
+    RIGHT = "right"
+    AMONG_RIVALS = "right, among rivals"
+    IN_PART = "in part"
+    NOT_AMONG_RIVALS = "not among the rivals"
+    UNEXPLAINED = "unexplained"
+    MISSED = "missed"
+    WRONG = "wrong"
+    FALSE_ALARM = "false alarm"
+    TAKEN_FOR_KNOWN = "taken for a known effect"
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the diagnosis gives the truth, alone or among its rivals."""
+        return self in (Mark.RIGHT, Mark.AMONG_RIVALS)
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the diagnosis asserts something that is not true."""
+        return self in (Mark.WRONG, Mark.FALSE_ALARM, Mark.TAKEN_FOR_KNOWN)
+
+
 @dataclass(frozen=True)
 class Grade:
     """One diagnosis, judged."""
@@ -109,27 +134,27 @@ class Grade:
             "kind": self.facts.kind, "truth": list(self.facts.effects), "faults": list(self.facts.faults),
             "s": self.facts.size, "s_outside": self.facts.distance, "verdict": self.answer.verdict,
             "established": list(self.answer.established), "adequate": [list(n) for n in self.answer.adequate],
-            "grade": self.words,
+            "grade": self.mark.value,
         }  # fmt: skip
 
     @property
-    def words(self) -> str:
-        """One word for a table."""
+    def mark(self) -> Mark:
+        """How good the diagnosis is."""
         kind = self.facts.kind
         if self.wrong:
-            return "wrong"
+            return Mark.WRONG
         if kind == "none":
-            return "false alarm" if self.alarm else "right"
+            return Mark.FALSE_ALARM if self.alarm else Mark.RIGHT
         if kind == "outside":
-            return "right" if self.unexplained else "missed" if not self.alarm else "taken for a known effect"
+            return Mark.RIGHT if self.unexplained else Mark.TAKEN_FOR_KNOWN if self.alarm else Mark.MISSED
         if self.inside:
-            return "right" if self.answer.verdict == "established" else "right, among rivals"
+            return Mark.RIGHT if self.answer.verdict == "established" else Mark.AMONG_RIVALS
         if not self.alarm:
-            return "missed"
+            return Mark.MISSED
         if self.unexplained:
-            return "unexplained"
+            return Mark.UNEXPLAINED
         part = any(set(names) < set(self.facts.effects) for names in self.answer.adequate)
-        return "in part" if part and kind == "pair" else "not among the rivals"
+        return Mark.IN_PART if part and kind == "pair" else Mark.NOT_AMONG_RIVALS
 
 
 @dataclass(frozen=True)
