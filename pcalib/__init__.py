@@ -19,7 +19,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from pcalib.changes.search import changes as changed
     from pcalib.changes.update import update as update
-    from pcalib.compensation import Commands as Commands
+    from pcalib.compensation import Compensated as Compensated
     from pcalib.compensation import compensate as compensate
     from pcalib.data.measurement import Measurements as Measurements
     from pcalib.data.measurement import load as load_measurements
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from pcalib.robot import load as load_robot
 
 _PUBLIC = {
-    "Commands": "compensation.Commands",
+    "Compensated": "compensation.Compensated",
     "Conditions": "prediction.Conditions",
     "Contribution": "effects.base.Contribution",
     "Effect": "effects.base.Effect",
@@ -78,7 +78,7 @@ _PUBLIC = {
 }
 """Public names, and where they are defined."""
 __all__ = [
-    "Commands", "Conditions", "Contribution", "Effect", "EffectParameter", "Fit", "Measurements", "Model",
+    "Compensated", "Conditions", "Contribution", "Effect", "EffectParameter", "Fit", "Measurements", "Model",
     "PcalibError", "Robot", "Situation", "__version__", "add", "changed", "compare", "compensate", "diagnose",
     "drop", "explain", "fit", "load_measurements", "load_model", "load_robot", "next_rows", "plan", "predict",
     "save_measurements", "save_model", "update",

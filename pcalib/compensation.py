@@ -25,8 +25,8 @@ METHODS = ("exact", "first-order")
 
 
 @dataclass(frozen=True)
-class Commands:
-    """One command per target."""
+class Compensated:
+    """The command for each target, and whether there is one."""
 
     q: np.ndarray
     """(N, nq) [rad or m]; NaN where the status is not 'ok'."""
@@ -44,7 +44,7 @@ def compensate(
     conditions: Conditions | None = None,
     method: str = "exact",
     limits: bool = True,
-) -> Commands:
+) -> Compensated:
     """Commands for TCP targets in the base frame.
 
     Args:
@@ -74,7 +74,7 @@ def compensate(
         if rotation_matrix is not None:
             within &= oriented(robot, rotation_matrix)
         status[~within] = "outside_workspace"
-    return Commands(np.where((status == "ok")[:, None], found.q, np.nan), status)
+    return Compensated(np.where((status == "ok")[:, None], found.q, np.nan), status)
 
 
 def exact(
