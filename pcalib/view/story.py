@@ -67,14 +67,7 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style) -> rrb.Bluepr
     up = upwards(ladder.robot.mechanism)
     tools = [panels.tool_path(i, field) for i, field in enumerate(ladder.maps)]
     scenes = [
-        rrb.Spatial3DView(
-            origin="scene",
-            contents=["scene/robot/**", f"scene/{tool}/**", f"- scene/{tool}/{out}"],
-            name=f"{field.label}{scale}",
-            background=rrb.Background(color=BACKGROUND),
-            line_grid=rrb.LineGrid3D(visible=False),
-            eye_controls=eye(body, field, up),
-        )
+        solid([f"scene/{tool}/**", f"- scene/{tool}/{out}"], f"{field.label}{scale}", body, field, up)
         for out, scale in (("error", ""), ("error_of_step", f" · all steps ×{style.gain:g}"))
         for tool, field in zip(tools, ladder.maps, strict=True)
     ]
@@ -96,13 +89,25 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style) -> rrb.Bluepr
         right = rrb.Vertical(text, flat("ladder", title, panels.LADDER_BOUNDS), tabs, row_shares=[0.32, 0.33, 0.35])
     else:
         right = rrb.Vertical(text, tabs, row_shares=[0.3, 0.7])
+    return page(scenes, ladder.worst_tool, right, 0.62)
+
+
+def page(scenes: Sequence[rrb.Spatial3DView], active: int, right: rrb.Vertical, share: float) -> rrb.Blueprint:
+    """A page that steps through a timeline: scenes above their colour bar, and other views on the right.
+
+    Args:
+        active: number of the scene that is shown first.
+        share: share of the width that the scenes take.
+    """
+    import rerun.blueprint as rrb
+
     left = rrb.Vertical(
-        rrb.Tabs(*scenes, active_tab=ladder.worst_tool),
+        rrb.Tabs(*scenes, active_tab=active),
         flat("colours", "size of the error, the same scale in all steps", ((-14.0, 254.0), (-3.0, 30.0))),
         row_shares=[0.88, 0.12],
     )
     return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[0.62, 0.38]),
+        rrb.Horizontal(left, right, column_shares=[share, 1 - share]),
         rrb.TopPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="hidden"),
@@ -127,7 +132,18 @@ def flat(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float,
     )  # fmt: skip
 
 
-def eye(body: Skeleton, field: ErrorMap, up: np.ndarray) -> rrb.EyeControls3D:
+def solid(contents: list[str], name: str, body: Skeleton, field: ErrorMap, up: np.ndarray) -> rrb.Spatial3DView:
+    """A view of the robot and what else `contents` names, from where all targets are seen."""
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial3DView(
+        origin="scene", contents=["scene/robot/**", *contents], name=name,
+        background=rrb.Background(color=BACKGROUND), line_grid=rrb.LineGrid3D(visible=False),
+        eye_controls=_eye(body, field, up),
+    )  # fmt: skip
+
+
+def _eye(body: Skeleton, field: ErrorMap, up: np.ndarray) -> rrb.EyeControls3D:
     """A pinned eye that has robot, tool and targets in view."""
     import rerun.blueprint as rrb
 

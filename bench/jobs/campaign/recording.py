@@ -36,7 +36,6 @@ PERCENTILES = (50, 95)
 WORST = 3
 """Robots shown by themselves: those that the last method leaves worst off with the longest tool."""
 MOST_CELLS = 4
-BACKGROUND = (14, 16, 20)
 MARGIN = (20.0, 14.0, 11.0, 11.0)
 DISTRIBUTION = chart.Axes((0, 1), (0, 100), margin=MARGIN)
 
@@ -232,7 +231,7 @@ def _map_path(share: int, t: int) -> str:
 def _blueprint(maps: Maps, body: Skeleton, style: scene.Style) -> rrb.Blueprint:
     import rerun.blueprint as rrb
 
-    from pcalib.view.story import eye, flat
+    from pcalib.view.story import flat, page, solid
 
     up = upwards(maps.robot.mechanism)
     shown = [
@@ -245,33 +244,11 @@ def _blueprint(maps: Maps, body: Skeleton, style: scene.Style) -> rrb.Blueprint:
     scenes = []
     for path, name, targets, tool in shown:
         field = ErrorMap(tool, targets, np.zeros((1, *targets.shape)), np.full((1, len(targets)), "ok"))
-        scenes.append(
-            rrb.Spatial3DView(
-                origin="scene",
-                contents=["scene/robot/**", f"scene/{path}/**"],
-                name=name,
-                background=rrb.Background(color=BACKGROUND),
-                line_grid=rrb.LineGrid3D(visible=False),
-                eye_controls=eye(body, field, up),
-            )
-        )
+        scenes.append(solid([f"scene/{path}/**"], name, body, field, up))
     longest = int(np.argmax(np.linalg.norm(maps.tools, axis=1)))
-    left = rrb.Vertical(
-        rrb.Tabs(*scenes, active_tab=len(PERCENTILES) * longest + len(PERCENTILES) - 1),
-        flat("colours", "size of the error, the same scale in all steps", ((-14.0, 254.0), (-3.0, 30.0))),
-        row_shares=[0.88, 0.12],
-    )
     right = rrb.Vertical(
         rrb.TextDocumentView(origin="text", name="method"),
         flat("distribution", "share of the robots with an RMS error below", DISTRIBUTION.bounds),
         row_shares=[0.55, 0.45],
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[0.64, 0.36]),
-        rrb.TopPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, fps=0.7, play_state="paused"),
-        auto_layout=False,
-        auto_views=False,
-    )
+    return page(scenes, len(PERCENTILES) * longest + len(PERCENTILES) - 1, right, 0.64)
