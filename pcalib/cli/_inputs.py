@@ -42,6 +42,11 @@ EffectFiles = Annotated[
 ]
 
 
+def allowing(effect: str, effect_files: tuple[str, ...]) -> tuple[str, ...]:
+    """The user's own effects that may be loaded, with the one that the command line names, if it names one."""
+    return (*effect_files, effect) if ".py" in effect and effect not in effect_files else effect_files
+
+
 def read(model: Path, data: Path, effect_files: tuple[str, ...]) -> tuple[Model, Measurements, list[Effect]]:
     """The model, the measurements, and the user's own effects beyond those that the model has.
 

@@ -40,13 +40,12 @@ def command(
         output: Model file to write; the same file when absent.
         report: Also write a report of the new fit, one self-contained HTML file.
     """
-    from pcalib.cli._inputs import read
+    from pcalib.cli._inputs import allowing, read
     from pcalib.cli._steps import finish
     from pcalib.diagnosis import results, steps
     from pcalib.uncertainty import rivals
 
-    if ".py" in effect and effect not in effect_file:
-        effect_file = (*effect_file, effect)
+    effect_file = allowing(effect, effect_file)
     calibrated, measured, own = read(model, data, effect_file)
     step = steps.add(calibrated, measured, effect, own)
     content = results.step_json(step)

@@ -31,12 +31,11 @@ def command(
         data: Measurement file, CSV or Parquet.
         output: Model file to write; the same file when absent.
     """
-    from pcalib.cli._inputs import read
+    from pcalib.cli._inputs import allowing, read
     from pcalib.cli._steps import finish
     from pcalib.diagnosis import results, steps
 
-    if ".py" in effect and effect not in effect_file:
-        effect_file = (*effect_file, effect)
+    effect_file = allowing(effect, effect_file)
     calibrated, measured, _ = read(model, data, effect_file)
     step = steps.drop(calibrated, measured, effect)
     write_json(json, results.step_json(step))

@@ -35,12 +35,11 @@ def command(
         plot: Also draw it, SVG.
         report: Also write a report, one self-contained HTML file.
     """
-    from pcalib.cli._inputs import read
+    from pcalib.cli._inputs import allowing, read
     from pcalib.diagnosis import results, telling
     from pcalib.diagnosis.evidence import evidence
 
-    if ".py" in effect and effect not in effect_file:
-        effect_file = (*effect_file, effect)
+    effect_file = allowing(effect, effect_file)
     calibrated, measured, own = read(model, data, effect_file)
     found = evidence(calibrated, measured, effect, own)
     write_json(json, results.evidence_json(found))
