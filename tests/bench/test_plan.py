@@ -170,10 +170,7 @@ def test_bad_plans():
 
 @pytest.mark.parametrize("name", ["hexa", "h4"])
 def test_orientation_is_varied_where_it_is_commanded(name):
-    path = MODELS / f"{name}.toml"
-    if not path.exists():
-        pytest.skip("no such robot")
-    robot = robots.load(path)
+    robot = robots.load(MODELS / f"{name}.toml")
     plan = plans.make(robot, "random", 30)
     R = Machine(robot).land(plan.commands.q).R
     yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])
