@@ -231,6 +231,8 @@ class _Instrument:
     """(6,) [m, rad]; inf where a component is not measured."""
     sigma_q: float
     """[rad or m] joint repeatability."""
+    lever: float
+    """[rad] turns of the measured body that move the measured point too."""
 
     @classmethod
     def of(cls, made: Problem) -> _Instrument:
@@ -239,16 +241,21 @@ class _Instrument:
         share = np.mean(data.mask, axis=0)
         usual = share > min(0.5, 0.9 * share.max())
         typical = [float(np.median(data.sigma[data.mask[:, c], c])) if usual[c] else np.inf for c in range(6)]
-        return cls(np.array(typical) * ratio, made.noise.sigma_q)
+        return cls(np.array(typical) * ratio, made.noise.sigma_q, made.noise.lever)
 
     def whitened(self, point: Point, columns: np.ndarray) -> np.ndarray:
         """Columns (N, 6, p) [m, rad] in noise units; zero where nothing is measured."""
         seen = np.isfinite(self.sigma)
         per = np.where(seen, 1.0 / self.sigma, 0.0)[:, None]
-        if not self.sigma_q:
+        further = []
+        if self.sigma_q:
+            further.append(self.sigma_q * per * point.response().actuator)
+        if self.lever:
+            further.append(self.lever * per * point.turn())
+        if not further:
             return columns * per
-        joint = self.sigma_q * per * point.response().actuator
-        return np.linalg.inv(np.linalg.cholesky(np.eye(6) + joint @ np.swapaxes(joint, -1, -2))) @ (columns * per)
+        noise = np.concatenate(further, axis=-1)
+        return np.linalg.inv(np.linalg.cholesky(np.eye(6) + noise @ np.swapaxes(noise, -1, -2))) @ (columns * per)
 
 
 def _rows(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcalib import prediction
+from pcalib import prediction, rotation
 from pcalib.effects.base import Contribution, Situation
 from pcalib.mechanics.kinematics import Closure
 from pcalib.model import Model
@@ -46,6 +46,17 @@ class Point:
     def columns(self, parts: list[Contribution]) -> np.ndarray:
         """Derivative of the readings by the size of each contribution, (N, 6, len(parts))."""
         return prediction.effect_columns(self.model, self.prediction, self.closure, self.JX, parts)
+
+    def lever(self) -> np.ndarray:
+        """(N, 3) [m] from the plate's origin to the measured point, measuring frame."""
+        p, frame = self.prediction, self.model.frame
+        arm = (p.pose.R @ p.tool[..., None])[..., 0]
+        return arm if frame is None else arm @ frame.rotation.T
+
+    def turn(self) -> np.ndarray:
+        """(N, 6, 3) derivative of the readings by a turn of the measured body about the plate's origin."""
+        arm = self.lever()
+        return np.concatenate([-rotation.hat(arm), np.broadcast_to(np.eye(3), (len(arm), 3, 3))], axis=1)
 
     def response(self) -> Response:
         """Unit responses of every actuator and rod."""

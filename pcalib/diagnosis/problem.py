@@ -26,6 +26,9 @@ from pcalib.fitting.sufficiency import require_reach
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.model import Model
 
+SHORTEST = 0.01
+"""[m] lever of a tool from which on turns of the measured body show in positions: 1 cm turns 100 µrad into 1 µm."""
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -108,7 +111,7 @@ class Problem:
         stated = Noise.of(data)
         linear = linearisation.linearise(self.model, data, unknowns)
         point = Point.of(self.model, linear.prediction, linearisation.conditions_of(data))
-        blocks = Blocks(data.mask, np.zeros(data.mask.shape), stated.padded(point.response().actuator))
+        blocks = _blocks_of(point, data, np.zeros(data.mask.shape))
         memory = self.noise.memory
         serial = tuple(memory.whitener(data)) if memory else ()
         reading = Reading(stated, noises.whitener(self.noise, blocks), serial)
@@ -281,8 +284,19 @@ def spread(model: Model, unknowns: Unknowns) -> np.ndarray:
 
 
 def _blocks(made: Problem) -> Blocks:
-    joint = Noise.of(made.data).padded(made.point.response().actuator)
-    return Blocks(made.data.mask, _scatter(made.y[:, None], made)[..., 0], joint)
+    return _blocks_of(made.point, made.data, _scatter(made.y[:, None], made)[..., 0])
+
+
+def _blocks_of(point: Point, data: Measurements, y: np.ndarray) -> Blocks:
+    """Residuals y (N, 6) in stated noise units with what joints and a turn of the measured body do to readings.
+
+    A file that states how the readings of a row are correlated leaves no lever to be found.
+    """
+    stated = Noise.of(data)
+    joint = stated.padded(point.response().actuator)
+    if data.correlation is not None or not all(data.kinds) or np.max(np.abs(point.lever()), initial=0.0) < SHORTEST:
+        return Blocks(data.mask, y, joint)
+    return Blocks(data.mask, y, joint, stated.padded(point.turn()))
 
 
 def _level(made: Problem, blocks: Blocks) -> NoiseLevel:

@@ -2,9 +2,11 @@
 
 Every verdict hangs on it: with a noise level that is off by a third, 5 % of false alarms become 10–90 %. Per pose
 
-    Σ = a_pos·Σ_pos + a_rot·Σ_rot + σ_q²·G·Gᵀ        G = ∂(reading)/∂q: how joint repeatability shows at the plate
+    Σ = a_pos·Σ_pos + a_rot·Σ_rot + σ_q²·G·Gᵀ + σ_l²·L·Lᵀ
 
-and the three variance components are estimated from residuals projected on directions that hold nothing but noise:
+with G = ∂(reading)/∂q, how joint repeatability shows at the plate, and L = ∂(reading)/∂ω, how an error ω of the seen
+rotation moves a point that is computed from reflectors or markers on the plate. The variance components are estimated
+from residuals projected on directions that hold nothing but noise:
 by REML from replicates (Patterson & Thompson 1971), by MINQUE from what is left over (Rao 1971).
 """
 
@@ -28,8 +30,9 @@ ENOUGH_BESIDE = 20
 """The same where it only sharpens what replicates say."""
 _NOTHING = 1e-6
 """Share of the largest variance below which one is taken for zero: a thousandth of its σ."""
-_CLEAR = 1.0
-"""Joint repeatability is taken into account where its variance is this many of its σ above zero."""
+_CLEAR = (1.0, 4.0)
+"""Joint repeatability, and turns at a lever, are taken into account where their variance is this many of its σ above
+zero. Most joints repeat worse than not at all; most instruments state how position and rotation are correlated."""
 
 _CLASSES = ("positions", "rotations")
 
@@ -52,6 +55,9 @@ class NoiseLevel:
     """[rad] the same."""
     stated: tuple[bool, bool]
     """Whether the file states σ of positions and of rotations."""
+    lever: float = 0.0
+    """[rad] 1σ of the part of the rotation's noise that also moves the measured point, about the plate's origin; 0
+    where it is not seen."""
     repeatable: float = 0.0
     """[rad or m] errors of the joints that what is left over shows and replicates do not: they repeat, so they are no
     noise."""
@@ -79,6 +85,8 @@ class NoiseLevel:
         )
         if self.sigma_q:
             said += f" (part of it from joints that repeat to {self.sigma_q * 1e6:.2g} {joint_unit})"
+        if self.lever:
+            said += " (positions and rotations are correlated through the lever of the tool: state the reflectors)"
         if self.memory is not None:
             said += f", correlated over some {figure(self.memory.rows, 1)} rows"
         if self.close:
@@ -118,27 +126,31 @@ class Blocks:
     """(N, 6) residuals."""
     joint: np.ndarray
     """(N, 6, nq) readings per rad or m of every actuator."""
+    turn: np.ndarray | None = None
+    """(N, 6, 3) readings per rad of a turn about the plate's origin; None where no lever can be told."""
 
-    @property
-    def unit(self) -> float:
-        """[rad or m] joint repeatability that causes noise of about one unit: the scale of the third variance."""
-        size = np.sqrt(np.mean(np.sum(self.joint[self.measured] ** 2, axis=-1))) if self.measured.any() else 0.0
-        return float(1.0 / size) if size > 0 else 1.0
+    def scaled(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """Joints and turn, each in a unit [rad or m] that causes noise of about one unit, and these units."""
+        out, units = [], []
+        for columns in (self.joint, self.turn):
+            if columns is None:
+                continue
+            columns = columns * self.measured[..., None]
+            size = np.sqrt(np.sum(columns**2) / max(self.measured.sum(), 1))
+            units.append(float(1.0 / size) if size > 0 else 1.0)
+            out.append(units[-1] * columns)
+        return out, np.array(units)
 
     def components(self) -> np.ndarray:
-        """(3, N, 6, 6) S_pos, S_rot and G·Gᵀ·unit²: derivative of each pose's covariance by the three variances."""
+        """(3 or 4, N, 6, 6) S_pos, S_rot, G·Gᵀ and L·Lᵀ: derivative of each pose's covariance by the variances."""
         part = np.repeat(np.eye(2), 3, axis=1)
-        out = np.zeros((3, *self.measured.shape, 6))
-        for c in range(2):
-            out[c] = np.einsum("ni,ij->nij", self.measured * part[c], np.eye(6))
-        G = self.unit * self.joint * self.measured[..., None]
-        out[2] = G @ np.swapaxes(G, -1, -2)
-        return out
+        plain = [np.einsum("ni,ij->nij", self.measured * part[c], np.eye(6)) for c in range(2)]
+        return np.stack([*plain, *(G @ np.swapaxes(G, -1, -2) for G in self.scaled()[0])])
 
 
 def as_stated(data: Measurements) -> NoiseLevel:
     """The σ of the file, taken as known."""
-    return _level("stated", data, np.ones(2), np.full(2, np.inf), 0.0, None)
+    return _level("stated", data, np.ones(2), np.full(2, np.inf), np.zeros(2), None)
 
 
 def contrasts(data: Measurements, measured: np.ndarray, drift: np.ndarray) -> np.ndarray:
@@ -181,7 +193,7 @@ def from_replicates(data: Measurements, blocks: Blocks, V: np.ndarray) -> NoiseL
         return None
     S = blocks.components()
     flat = V.reshape(-1, V.shape[-1])
-    inner = np.stack([flat.T @ (S[k] @ V).reshape(flat.shape) for k in range(3)])
+    inner = np.stack([flat.T @ (part @ V).reshape(flat.shape) for part in S])
     y = flat.T @ blocks.y.ravel()
     dof = np.array([np.trace(inner[0]), np.trace(inner[1])])
 
@@ -214,13 +226,13 @@ def from_rest(
     S = blocks.components()
     flat = Q.reshape(Q.shape[0] * Q.shape[1], Q.shape[-1])  # a level that frees nothing has no columns
     rest = blocks.y - (flat @ (flat.T @ blocks.y.ravel())).reshape(blocks.y.shape)
-    SQ = [S[k] @ Q for k in range(3)]
+    SQ = [part @ Q for part in S]
     QSQ = [flat.T @ s.reshape(flat.shape) for s in SQ]
-    B = np.empty((3, 3))
-    for k in range(3):
-        for m in range(3):
+    B = np.empty((len(S), len(S)))
+    for k in range(len(S)):
+        for m in range(len(S)):
             B[k, m] = np.sum(S[k] * S[m]) - 2 * np.sum(SQ[k] * SQ[m]) + np.sum(QSQ[k] * QSQ[m])
-    b = np.array([np.einsum("ni,nij,nj->", rest, S[k], rest) for k in range(3)])
+    b = np.array([np.einsum("ni,nij,nj->", rest, part, rest) for part in S])
     dof = np.array([np.sum(np.trace(S[k], axis1=1, axis2=2)) - np.trace(QSQ[k]) for k in range(2)])
     b *= 1 + luck / max(dof.sum() - luck, 1.0)
 
@@ -241,6 +253,7 @@ def reshaped(
     """
     out = replace(
         level, ratio=level.ratio * ratio, sigma_q=level.sigma_q * float(np.mean(ratio)), memory=memory,
+        lever=level.lever * float(np.mean(ratio)),
         sigma_pos=level.sigma_pos * ratio[0], sigma_rot=level.sigma_rot * ratio[1], pooled=True,
         dof=level.dof if rest is None else rest.dof,
     )  # fmt: skip
@@ -271,11 +284,16 @@ def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
     weights = np.where(np.isfinite([repeated.dof, rest.dof]), [repeated.dof, rest.dof], 0.0)
     known = weights.any(axis=0)
     dof = np.where(known, weights.sum(axis=0), np.inf)
-    if (repeated.sigma_q > 0) == (rest.sigma_q > 0):
+    lever = repeated.lever
+    if (repeated.lever > 0) != (rest.lever > 0):  # it belongs to the instrument, so that either sample may show it
+        seen = repeated if repeated.lever else rest
+        ratio, sigma_q, lever = seen.ratio, seen.sigma_q, seen.lever
+    elif (repeated.sigma_q > 0) == (rest.sigma_q > 0):
         share = np.where(known, weights[0] / np.where(known, dof, 1.0), 1.0)
         ratio = np.sqrt(share * repeated.ratio**2 + (1 - share) * rest.ratio**2)
         both = share[known].mean()
         sigma_q = float(np.sqrt(both * repeated.sigma_q**2 + (1 - both) * rest.sigma_q**2))
+        lever = float(np.sqrt(both * repeated.lever**2 + (1 - both) * rest.lever**2))
     else:  # joints are noise only where both say so: what the rest alone shows repeats
         plain = repeated if rest.sigma_q else rest
         ratio, sigma_q = plain.ratio, 0.0
@@ -283,7 +301,9 @@ def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
         float(np.sqrt((a * x**2 + b * y**2) / (a + b))) if a + b else x
         for x, y, a, b in zip(repeated.total, rest.total, *weights, strict=True)
     )
-    return replace(repeated, ratio=ratio, dof=dof, sigma_q=sigma_q, sigma_pos=pos, sigma_rot=rot, pooled=True)
+    return replace(
+        repeated, ratio=ratio, dof=dof, sigma_q=sigma_q, lever=lever, sigma_pos=pos, sigma_rot=rot, pooled=True
+    )
 
 
 def _solve(
@@ -295,7 +315,7 @@ def _solve(
     enough: int,
     joints: bool = True,
 ) -> NoiseLevel | None:
-    """Variances θ from their normal equations; joint repeatability only where it is clearly there.
+    """Variances θ from their normal equations; joint repeatability and a lever only where they are clearly there.
 
     A class of which too little is known keeps its stated σ; None where that is so of all.
     """
@@ -305,19 +325,23 @@ def _solve(
         return None
     S = blocks.components()
     part = [slice(0, 3), slice(3, 6)]
-    # (2, 3) noise variance of each class, on average over its readings, per unit of each component
+    # (2, components) noise variance of each class, on average over its readings, per unit of each component
     share = np.array([
-        [np.trace(S[k][:, p, p], axis1=1, axis2=2).sum() for k in range(3)] for p in part
+        [np.trace(component[:, p, p], axis1=1, axis2=2).sum() for component in S] for p in part
     ]) / np.maximum([[blocks.measured[:, p].sum()] for p in part], 1)  # fmt: skip
-    found = _scored(normal, plain, held, share[:, 2])
-    joint = _scored(normal, np.r_[plain, 2], held, share[:, 2]) if joints else None
     # Equations that do not depend on θ (MINQUE) state its doubt for noise of size 1.
     stated_for_one = source == "residuals"
-    size = joint[0][:2].max() + joint[0][2] if joint is not None and stated_for_one else 1.0
-    if joint is not None and joint[0][2] > _CLEAR * size * np.sqrt(2 * joint[1][-1, -1]):
-        found, chosen = joint, np.r_[plain, 2]
-    else:
-        chosen = plain
+    found, chosen, most = _scored(normal, plain, held, share), plain, 0.0
+    optional = [k for k in range(2, len(S)) if k > 2 or joints]
+    for more in ([k] for k in optional) if len(optional) < 2 else ([2], [3], [2, 3]):
+        tried = _scored(normal, np.r_[plain, more], held, share)
+        if tried is None:
+            continue
+        theta, doubt = tried
+        size = theta[:2].max() + theta[2:].sum() if stated_for_one else 1.0
+        sigmas = theta[more] / (size * np.sqrt(2 * np.diag(doubt)[-len(more) :]))
+        if np.all(sigmas > np.array(_CLEAR)[np.array(more) - 2]) and (len(more) > 1 or sigmas[0] > most):
+            found, chosen, most = tried, np.r_[plain, more], float(sigmas[0])
     if found is None:
         return None
     theta, doubt = found
@@ -327,23 +351,24 @@ def _solve(
         mean = share[c, chosen]
         total = 1.0 if stated_for_one else float(mean @ theta[chosen])
         free[c] = total**2 / float(mean @ doubt @ mean)
-    sigma_q = float(np.sqrt(theta[2])) * blocks.unit
-    return _level(source, data, np.where(seen, np.sqrt(theta[:2]), 1.0), free, sigma_q, blocks)
+    further = np.zeros(2)
+    further[: len(S) - 2] = np.sqrt(theta[2:]) * blocks.scaled()[1]
+    return _level(source, data, np.where(seen, np.sqrt(theta[:2]), 1.0), free, further, blocks)
 
 
 def _scored(
     normal: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
     chosen: np.ndarray,
     held: np.ndarray,
-    joint_share: np.ndarray,
+    share: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """(3,) variances after a few scoring steps, and half their covariance; None where they have no solution.
+    """(components,) variances after a few scoring steps, and half their covariance; None where they have no solution.
 
     Args:
         chosen, held: components that are estimated, and those that stay 1; the rest is 0.
-        joint_share: (2,) noise variance of each class per unit of the joints' component.
+        share: (2, components) noise variance of each class per unit of each component.
     """
-    theta = np.zeros(3)
+    theta = np.zeros(share.shape[1])
     theta[chosen] = theta[held] = 1.0
     classes = chosen[chosen < 2]
     A = np.eye(len(chosen))
@@ -360,7 +385,7 @@ def _scored(
         # A share that is not there tends to zero and never below; each class has a scale of its own. Where joints make
         # nearly all the noise of a class the instrument's share is small, not nothing.
         theta[chosen] = np.maximum(theta[chosen], 0.02 * before[chosen])
-        theta[classes] = np.maximum(theta[classes], 0.02 * joint_share[classes] * theta[2])
+        theta[classes] = np.maximum(theta[classes], 0.02 * share[classes, 2:] @ theta[2:])
         if not theta.max() > 0:
             return None
         if np.all(np.abs(theta - before) < 1e-3 * theta + _NOTHING * theta.max()):
@@ -369,8 +394,13 @@ def _scored(
 
 
 def _level(
-    source: str, data: Measurements, ratio: np.ndarray, dof: np.ndarray, sigma_q: float, blocks: Blocks | None
+    source: str, data: Measurements, ratio: np.ndarray, dof: np.ndarray, further: np.ndarray, blocks: Blocks | None
 ) -> NoiseLevel:
+    """The level of given variances.
+
+    Args:
+        further: (2,) 1σ of joints [rad or m] and of turns at a lever [rad].
+    """
     typical = []
     for c, part in enumerate((slice(0, 3), slice(3, 6))):
         seen = data.mask[:, part]
@@ -378,16 +408,19 @@ def _level(
             typical.append(np.nan)
             continue
         variance = (data.sigma[:, part] * ratio[c]) ** 2
-        if blocks is not None and sigma_q:
-            variance = variance + (sigma_q * data.sigma[:, part]) ** 2 * np.sum(blocks.joint[:, part] ** 2, axis=-1)
+        for sigma, columns in zip(further, (blocks.joint, blocks.turn) if blocks is not None else (), strict=False):
+            if sigma and columns is not None:
+                variance = variance + (sigma * data.sigma[:, part]) ** 2 * np.sum(columns[:, part] ** 2, axis=-1)
         typical.append(float(np.sqrt(np.mean(variance[seen]))))
-    return NoiseLevel(source, ratio, dof, sigma_q, typical[0], typical[1], data.stated)
+    sigma_q, lever = (float(value) for value in further)
+    return NoiseLevel(source, ratio, dof, sigma_q, typical[0], typical[1], data.stated, lever=lever)
 
 
 def covariance(level: NoiseLevel, blocks: Blocks) -> np.ndarray:
     """(N, 6, 6) covariance of every pose's measured readings, in stated noise units; 0 where nothing is measured."""
-    variance = np.r_[level.ratio**2, (level.sigma_q / blocks.unit) ** 2]
-    return np.einsum("k,knij->nij", variance, blocks.components())
+    S, units = blocks.components(), blocks.scaled()[1]
+    further = np.array([level.sigma_q, level.lever])[: len(units)]
+    return np.einsum("k,knij->nij", np.r_[level.ratio**2, (further / units) ** 2], S)
 
 
 def whitener(level: NoiseLevel, blocks: Blocks) -> np.ndarray:

@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pcalib import rotation
 from pcalib.data import replicates
 from pcalib.diagnosis import outliers
 from pcalib.diagnosis.problem import problem
 from pcalib.diagnosis.screen import NUISANCE
+from pcalib.fitting import identification
 from pcalib.fitting import noise_level as noises
+from pcalib.model import Model
 
 N, NQ = 60, 3
 
@@ -237,3 +240,18 @@ class TestOutliers:
         assert sorted(made.set_aside) == [11, 40]
         assert len(made.data) == (~data.check).sum() - 2
         assert made.noise.ratio[0] < 1.2
+
+
+def test_a_turn_that_moves_the_tool_point_is_told_from_noise_of_its_own(delta, measure, perturb):
+    """Rotations err by ω, and positions that are computed from them by ω × t at the lever t of the tool."""
+    model = Model(delta, perturb(3), "complete")
+    data = measure(model, 120, 4, tools=(0.0, 0.15, 0.3))
+    rng = np.random.default_rng(8)
+    turn = 2e-4 * rng.standard_normal((len(data), 3))
+    arm = (data.rotation @ data.tool[..., None])[..., 0]
+    seen = replace(data, position=data.position + np.cross(turn, arm), rotation=rotation.exp(turn) @ data.rotation)
+    fitted = identification.fit(seen, delta).model
+    level = problem(fitted, seen).noise
+    assert level.lever == pytest.approx(2e-4, rel=0.25)
+    assert "state the reflectors" in level.sentence()
+    assert problem(identification.fit(data, delta).model, data).noise.lever == 0.0
