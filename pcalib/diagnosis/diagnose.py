@@ -193,9 +193,10 @@ def _as_given(made: Problem, screen: Screen, held: HeldOut | None) -> AsGiven:
     inside = U.T @ made.y
     # Where a refit leaves more than noise, the weights of its rows decide where it ends: by as much as it leaves.
     left = max(float(screen.residual @ screen.residual) / max(screen.free, 1), 1.0)
+    tails = made.tails  # χ² of heavy tails scatters like a multiple of one with fewer degrees of freedom (Box 1953)
     out = AsGiven(
         fit=float(np.sqrt(np.mean(made.y**2))),
-        refit_p=float(screen.p_value(float(inside @ inside) / left, U.shape[1])) if U.shape[1] else 1.0,
+        refit_p=float(screen.p_value(float(inside @ inside) / left / tails, U.shape[1] / tails)) if U.shape[1] else 1.0,
     )
     if made.noise.source == "residuals" and all(made.data.stated):
         stated = noises.as_stated(made.data)
@@ -203,8 +204,9 @@ def _as_given(made: Problem, screen: Screen, held: HeldOut | None) -> AsGiven:
         out = replace(out, stated=max(times))
     if held is None:
         return out
-    chi2, readings = held.score(made.model)
-    p = float(screen.p_value(chi2, readings)) if readings else 1.0
+    chi2, readings, tails = held.score(made.model)
+    tails = max(tails, made.tails)
+    p = float(screen.p_value(chi2 / tails, readings / tails)) if readings else 1.0
     return replace(out, check=held.times_noise(made.model), check_p=p)
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.hypothesis import Hypothesis, start_of
-from pcalib.diagnosis.problem import Problem, Reading
+from pcalib.diagnosis.problem import Problem, Reading, tails_of
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification, linearisation
 from pcalib.model import Model
@@ -35,6 +35,8 @@ FEWEST = 5
 """Held-out rows below which nothing is confirmed: four do not tell the scatter between rows to a factor of two."""
 MOST = 400
 """Held-out rows that are used at most, spread evenly: V is a full matrix over their readings."""
+HEAVY = 2.0
+"""Standard errors of the kurtosis from which held-out readings have heavy tails. A misfit of all rows has none."""
 FAR = 10.0
 """Times the size of half of all rows from which a held-out row counts as gross, as among the rows to fit."""
 GROSS = 0.05
@@ -124,12 +126,13 @@ class HeldOut:
         r = self.residual(model)
         return float(np.sqrt(np.mean(r[self._kept(r)] ** 2)))
 
-    def score(self, model: Model) -> tuple[float, int]:
-        """χ² of a model as it stands with the whole covariance, and its readings."""
+    def score(self, model: Model) -> tuple[float, int, float]:
+        """χ² of a model as it stands with the whole covariance, its readings, and by how much heavy tails widen its
+        distribution."""
         r = self.residual(model)
         kept = self._kept(r)
         z = self.whitener @ np.where(kept, r, 0.0)
-        return float(z @ z), int(kept.sum())
+        return float(z @ z), int(kept.sum()), tails_of(z[kept], int(kept.sum()), HEAVY)
 
     def change(self, before: Model, after: Model) -> Change:
         """What an explanation changes, both models refitted to the rows to fit.

@@ -10,7 +10,7 @@ import pytest
 from pcalib import rotation
 from pcalib.data import replicates
 from pcalib.diagnosis import outliers
-from pcalib.diagnosis.problem import problem
+from pcalib.diagnosis.problem import problem, tails_of
 from pcalib.diagnosis.screen import NUISANCE
 from pcalib.fitting import identification
 from pcalib.fitting import noise_level as noises
@@ -255,3 +255,30 @@ def test_a_turn_that_moves_the_tool_point_is_told_from_noise_of_its_own(delta, m
     assert level.lever == pytest.approx(2e-4, rel=0.25)
     assert "state the reflectors" in level.sentence()
     assert problem(identification.fit(data, delta).model, data).noise.lever == 0.0
+
+
+def test_heavy_tails_are_measured_and_a_misfit_of_all_rows_has_none():
+    rng = np.random.default_rng(6)
+    assert tails_of(rng.standard_normal(600), 600, 4.0) == 1.0
+    assert tails_of(3 * rng.standard_normal(600), 600, 4.0) == 1.0
+    heavy = rng.laplace(size=(400, 300))  # kurtosis 6: the variance of a square sum is 2.5 times that of normal noise
+    assert np.mean([tails_of(z, 300, 0.0) for z in heavy]) == pytest.approx(2.5, abs=0.25)
+    square = np.sum(heavy**2, axis=1) / np.var(heavy)
+    assert np.var(square) / (2 * 300) == pytest.approx(2.5, rel=0.3)
+
+
+def test_clipping_keeps_the_signal_and_takes_noise_away(delta, measure, perturb):
+    """A drift of the base beside Student noise of three degrees of freedom: what is left of it keeps its size."""
+    model = Model(delta, perturb(5), "complete")
+    hours = np.linspace(0, 1, 150)
+    data = measure(model, 150, 9, tools=(0.0, 0.2), noise=0.0, columns={"time": 3600 * hours})
+    rng = np.random.default_rng(4)
+    noise = rng.standard_t(3, (150, 3)) / np.sqrt(3)
+    moved = data.position + 2e-5 * noise + np.outer(hours, [5e-5, 0, 0])
+    turn = rotation.exp(6e-5 * rng.standard_t(3, (150, 3)) / np.sqrt(3))
+    seen = replace(data, position=moved, rotation=turn @ data.rotation)
+    made = problem(identification.fit(seen, delta).model, seen)
+    assert made.tails > 1
+    drift = next(c for c in made.candidates if c.name == "base_drift")
+    theta, _ = made.screen(64).estimate([made.candidates.index(drift)])
+    assert 3600 * theta[0][0] == pytest.approx(5e-5, abs=1.5e-5)
