@@ -35,6 +35,8 @@ SLOW = 12.0
 rows, and replicates back to back, thermal effects reached 9 noise units by chance."""
 CLEARLY = 6.0
 """Difference of BIC from which one explanation is clearly better than another ('strong' by Kass & Raftery 1995)."""
+EARLY = 0.1
+"""Share of the rows within which what begins to creep has crept from the start: a drift, and nothing that happened."""
 BEYOND = 3.0
 """σ by which fitted parameters may lie beyond their physical range and still be possible."""
 
@@ -298,10 +300,13 @@ class _Event:
 def _events(world: _World, level: float) -> list[_Event]:
     """Steps and changes of slope that explain everything by themselves, best first."""
     made, screen, out = world.problem, world.screen, []
-    reference = float(np.quantile(world.null, level))
+    reference, time = float(np.quantile(world.null, level)), memories.time_of(made.data)
     for i, pattern in enumerate(made.patterns):
         g = len(made.candidates) + i
         if pattern.found is None or not screen.visible[g] or not adequacy.explains(screen, [g]):
+            continue
+        before = float(np.mean(time < time[pattern.found.row]))
+        if pattern.found.shape == "slope" and before < EARLY:
             continue
         if adequacy.is_adequate(screen, [g], level, reference):
             # A place that was searched for costs as much as the tries it is the best of.
