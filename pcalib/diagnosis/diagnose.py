@@ -15,12 +15,12 @@ from pcalib.diagnosis.candidates import Candidate, Unavailable
 from pcalib.diagnosis.held_out import HeldOut, refitted
 from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.patterns import Cell, cells
-from pcalib.diagnosis.problem import Problem, problem
+from pcalib.diagnosis.problem import Problem, problem, spread, unknowns_for
 from pcalib.diagnosis.screen import NUISANCE, Misfit, Screen, misfit, smallest_seen, span
-from pcalib.diagnosis.verdict import AsGiven, Doubt, Explanation, decide, refuted, shared
+from pcalib.diagnosis.verdict import RARE, AsGiven, Doubt, Explanation, decide, refuted, shared
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
-from pcalib.fitting import identification
+from pcalib.fitting import identification, linearisation
 from pcalib.fitting import memory as memories
 from pcalib.fitting import noise_level as noises
 from pcalib.fitting.noise_level import NoiseLevel
@@ -190,16 +190,27 @@ def diagnose(
     )
 
 
-def _as_given(made: Problem, screen: Screen, held: HeldOut | None) -> AsGiven:
-    U = span(made.nuisance, NUISANCE)
-    inside = U.T @ made.y
+def _refit_p(made: Problem, screen: Screen, y: np.ndarray, nuisance: np.ndarray) -> float:
+    """Probability that noise alone lets χ² of residuals y (M,) fall as far as a refit of what the model has does."""
+    U = span(nuisance, NUISANCE)
+    if not U.shape[1]:
+        return 1.0
+    inside = U.T @ y
     # Where a refit leaves more than noise, the weights of its rows decide where it ends: by as much as it leaves.
-    left = max(float(screen.residual @ screen.residual) / max(screen.free, 1), 1.0)
-    tails = made.tails  # χ² of heavy tails scatters like a multiple of one with fewer degrees of freedom (Box 1953)
-    out = AsGiven(
-        fit=float(np.sqrt(np.mean(made.y**2))),
-        refit_p=float(screen.p_value(float(inside @ inside) / left / tails, U.shape[1] / tails)) if U.shape[1] else 1.0,
-    )
+    left = max(float(y @ y - inside @ inside) / max(screen.free, 1), 1.0)
+    # χ² of heavy tails scatters like a multiple of one with fewer degrees of freedom (Box 1953).
+    return float(screen.p_value(float(inside @ inside) / left / made.tails, U.shape[1] / made.tails))
+
+
+def _as_given(made: Problem, screen: Screen, held: HeldOut | None) -> AsGiven:
+    refit_p = _refit_p(made, screen, made.y, made.nuisance)
+    if refit_p < RARE:
+        # A fit weighs as the file states. It is stale where a refit with these weights would move it too.
+        unknowns = unknowns_for(made.model, made.data)
+        linear = linearisation.linearise(made.model, made.data, unknowns)
+        nuisance = linear.jacobian * unknowns.scale * spread(made.model, unknowns)
+        refit_p = max(refit_p, _refit_p(made, screen, linear.residual, nuisance))
+    out = AsGiven(fit=float(np.sqrt(np.mean(made.y**2))), refit_p=refit_p)
     if made.noise.source == "residuals" and all(made.data.stated):
         stated = noises.as_stated(made.data)
         times = [a / b for a, b in zip(made.noise.total, stated.total, strict=True) if np.isfinite(a)]
