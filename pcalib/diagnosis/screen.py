@@ -114,7 +114,7 @@ class Screen:
     nu: float
     """Degrees of freedom of the noise level over all classes."""
 
-    def p_value(self, T: np.ndarray | float, d: np.ndarray | int) -> np.ndarray:
+    def p_value(self, T: np.ndarray | float, d: np.ndarray | float) -> np.ndarray:
         """Probability of a larger T (…) in d dimensions."""
         from scipy.special import chdtrc, fdtrc
 

@@ -152,7 +152,7 @@ def _fitted(y: np.ndarray, basis: np.ndarray, time: np.ndarray, component: np.nd
     half = component // 3
     parts = np.stack([(half == h) * v for h in range(2) for v in (np.ones(len(y)), eigen)])  # white and OU, by class
     here = [k for k in range(4) if (half == k // 2).any()]
-    theta, likelihood = np.full(4, 0.5), -np.inf
+    theta, total, likelihood = np.full(4, 0.5), np.ones(2), -np.inf
     for _ in range(ROUNDS):
         variance = theta @ parts
         root = 1 / np.sqrt(variance)
