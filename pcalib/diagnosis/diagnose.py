@@ -199,7 +199,8 @@ def _refit_p(made: Problem, screen: Screen, y: np.ndarray, nuisance: np.ndarray)
     # Where a refit leaves more than noise, the weights of its rows decide where it ends: by as much as it leaves.
     left = max(float(y @ y - inside @ inside) / max(screen.free, 1), 1.0)
     # χ² of heavy tails scatters like a multiple of one with fewer degrees of freedom (Box 1953).
-    return float(screen.p_value(float(inside @ inside) / left / made.tails, U.shape[1] / made.tails))
+    times = 1.0 if made.tails is None else made.tails.widened
+    return float(screen.p_value(float(inside @ inside) / left / times, U.shape[1] / times))
 
 
 def _as_given(made: Problem, screen: Screen, held: HeldOut | None) -> AsGiven:
@@ -218,7 +219,6 @@ def _as_given(made: Problem, screen: Screen, held: HeldOut | None) -> AsGiven:
     if held is None:
         return out
     chi2, readings, tails = held.score(made.model)
-    tails = max(tails, made.tails)
     p = float(screen.p_value(chi2 / tails, readings / tails)) if readings else 1.0
     return replace(out, check=held.times_noise(made.model), check_p=p)
 

@@ -24,7 +24,8 @@ import numpy as np
 
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.hypothesis import Hypothesis, start_of
-from pcalib.diagnosis.problem import Problem, Reading, tails_of
+from pcalib.diagnosis.problem import Problem, Reading
+from pcalib.diagnosis.tails import Tails, tails_of
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification, linearisation
 from pcalib.model import Model
@@ -89,6 +90,8 @@ class HeldOut:
     """(m, m) inverse Cholesky factor of V."""
     gross: np.ndarray
     """(n,) bool, rows that are far from everything; they are left out."""
+    tails: Tails | None = None
+    """How heavy tails of the noise are met, as among the rows to fit."""
 
     @classmethod
     def of(cls, made: Problem, data: Measurements) -> HeldOut | None:
@@ -106,7 +109,7 @@ class HeldOut:
         found = cls(chosen, reading, whitener, np.zeros(len(chosen), bool))
         size = found._per_row(found.residual(made.model))
         far = size > FAR * np.median(size)
-        return cls(chosen, reading, whitener, far & (far.mean() <= max(GROSS, 1.0 / len(far))))
+        return cls(chosen, reading, whitener, far & (far.mean() <= max(GROSS, 1.0 / len(far))), made.tails)
 
     def residual(self, model: Model) -> np.ndarray:
         """(m,) residuals of a model in noise units before V; NaN where it does not reach the pose."""
@@ -132,6 +135,8 @@ class HeldOut:
         r = self.residual(model)
         kept = self._kept(r)
         z = self.whitener @ np.where(kept, r, 0.0)
+        if self.tails is not None:
+            z = self.tails.clipped(z, (self.reading.component >= 3).astype(int))
         return float(z @ z), int(kept.sum()), tails_of(z[kept], int(kept.sum()), HEAVY)
 
     def change(self, before: Model, after: Model) -> Change:

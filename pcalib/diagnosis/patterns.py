@@ -30,8 +30,8 @@ SLIDING = {"actuator": "motor positions"}
 HIGHEST = 4
 """Degree of the richest patterns."""
 FLAT = 0.05
-"""Share of the largest extent below which an axis does not vary: of 200 mm that is 10 mm, a hundred times what the
-contacts of a level bed differ by."""
+"""Share of the largest extent below which a place does not vary along an axis: the heights at which a probe touches a
+bed are all alike but for the noise, of which a variable must know nothing."""
 STEADY = 1e-2
 """Share of its size by which a load must vary over the poses to be a variable."""
 BREAKS = {"step": "a step", "slope": "a change of slope"}
@@ -299,11 +299,13 @@ def _sides(tension: np.ndarray) -> np.ndarray:
 
 
 def _place(x: np.ndarray, degree: int) -> np.ndarray:
-    """Polynomials of the place up to a degree, (N, F), scaled to the poses' extent, an axis along which it is small to
-    a share of the largest: the height at which a probe touches a bed varies by the noise alone."""
-    middle, extent = 0.5 * (x.max(axis=0) + x.min(axis=0)), np.ptp(x, axis=0)
-    u = (x - middle) / np.maximum(0.5 * extent, max(FLAT * extent.max(), 1e-9))
+    """Polynomials (N, F) of the place up to a degree, scaled to its extent, by the axes along which it varies."""
+    extent = np.ptp(x, axis=0)
+    x = x[:, extent > FLAT * extent.max()]
+    if not x.shape[1]:
+        return np.zeros((len(x), 0))
+    u = (x - 0.5 * (x.max(axis=0) + x.min(axis=0))) / (0.5 * np.ptp(x, axis=0))
     out = [u]
     if degree > 1:
-        out += [u[:, i : i + 1] * u[:, i:] for i in range(3)]
+        out += [u[:, i : i + 1] * u[:, i:] for i in range(u.shape[1])]
     return np.hstack(out)

@@ -11,12 +11,14 @@ import numpy as np
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
 from pcalib.diagnosis import outliers
+from pcalib.diagnosis import tails as heavy
 from pcalib.diagnosis.candidates import Candidate, Unavailable, candidates
 from pcalib.diagnosis.outliers import Outliers
 from pcalib.diagnosis.patterns import BY_POSE, Pattern, broken, patterns, ripple
 from pcalib.diagnosis.point import Point
-from pcalib.diagnosis.screen import NUISANCE, Group, Known, Screen, joint_span, outside, screen, span
+from pcalib.diagnosis.screen import NUISANCE, Group, Known, Screen, joint_span, outside, project_out, screen, span
 from pcalib.diagnosis.searched import breaks, scanned
+from pcalib.diagnosis.tails import Tails
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
 from pcalib.fitting import memory as memories
@@ -91,8 +93,8 @@ class Problem:
     """Rows of `given` that were set aside."""
     given: Measurements
     """The fit rows before any were set aside."""
-    tails: float = 1.0
-    """By how much heavy tails make the scatter of a χ² of raw readings larger than that of normal noise."""
+    tails: Tails | None = None
+    """How heavy tails of the noise are met; None where it has none."""
 
     def in_noise_units(self, columns: np.ndarray) -> np.ndarray:
         """Columns (N, 6, p) [m, rad] in noise units, zero where nothing is measured."""
@@ -208,51 +210,27 @@ def problem(
     return _tempered(_shaped(made))
 
 
-HEAVY = 4.0
-"""Standard errors of the kurtosis from which residuals have heavy tails: of normal noise one set in 30,000."""
-CLIP = 1.5
-"""Robust σ beyond which residuals of heavy tails are clipped (Huber 1981: 96 % efficiency in normal noise)."""
-
-
-def tails_of(z: np.ndarray, dof: int, sure: float) -> float:
-    """By how much the variance of Σz² is larger than that of normal noise of the same size: 1 + γ/2 with γ the excess
-    of the kurtosis (Box 1953); 1 where γ is not so many standard errors above 0."""
-    if dof < 1 or not len(z):
-        return 1.0
-    excess = float(np.mean(z**4) / max(np.mean(z**2), 1e-300) ** 2 - 3)
-    return 1 + excess / 2 if excess > sure * np.sqrt(24 / dof) else 1.0
-
-
 def _tempered(made: Problem) -> Problem:
     """The problem with residuals of heavy tails clipped, as robust regression does it (Huber's pseudo-values).
 
     Clipped residuals ψ(r) over the share of those that were not clipped have the signal of r and less noise. Normal
     draws then stand for them, which they do not for single wild readings.
     """
-    Q = joint_span(made.nuisance, made.groups)
-    free = 1 - np.sum(Q**2, axis=1)
-    known = free > 0.1
-    z = (made.y - Q @ (Q.T @ made.y))[known] / np.sqrt(free[known])
-    tails = tails_of(z, len(made.y) - Q.shape[1], HEAVY)
-    if tails == 1:
-        return made
     U = span(made.nuisance, NUISANCE)
-    inside = U @ (U.T @ made.y)
-    rest = made.y - inside
-    y = inside.copy()
-    for c in range(2):
-        mine = made.classes == c
-        if mine.any():
-            most = CLIP * 1.4826 * float(np.median(np.abs(rest[mine])))
-            y[mine] += np.clip(rest[mine], -most, most) / max(float(np.mean(np.abs(rest[mine]) < most)), 0.1)
-    blocks = Blocks(made.data.mask, _scatter(y[:, None], made)[..., 0], np.zeros((*made.data.mask.shape, 1)))
-    level = noises.from_rest(made.data, blocks, _scatter(Q, made), _luck(made), noises.ENOUGH_BESIDE, joints=False)
+    rest = project_out(made.y, U)
+    tails = heavy.find(made.y, made.nuisance, made.groups, made.classes)
+    if tails is None:
+        return made
+    inside = made.y - rest
+    clipped = _scatter((inside + tails.clipped(rest, made.classes))[:, None], made)[..., 0]
+    blocks = Blocks(made.data.mask, clipped, np.zeros((*made.data.mask.shape, 1)))
+    Q = _scatter(joint_span(made.nuisance, made.groups), made)
+    level = noises.from_rest(made.data, blocks, Q, _luck(made), noises.ENOUGH_BESIDE, joints=False)
     if level is None:
-        return replace(made, tails=tails)
-    by = np.repeat(1.0 / level.ratio, 3)[made.component]
-    return replace(
-        made, y=inside + (y - inside) * by, noise=replace(made.noise, dof=level.dof, pooled=True), tails=tails
-    )
+        return made
+    tails = replace(tails, size=tails.size / level.ratio)
+    y = inside + tails.clipped(rest, made.classes)
+    return replace(made, y=y, noise=replace(made.noise, dof=level.dof, pooled=True), tails=tails)
 
 
 def _shaped(made: Problem) -> Problem:

@@ -91,7 +91,7 @@ def breaks(
     out = []
     for channel, (by_chance, gain, member, shape, place, columns) in best.items():
         weight = (np.arange(N) >= place) * (1.0 if shape == "step" else (tau - tau[place]) / max(1 - tau[place], 1e-9))
-        search = _search(by_chance, columns.shape[-1])
+        search = _search(by_chance, int(np.count_nonzero(columns.any(axis=(0, 1)))))  # heights show three of the body's
         chosen = columns * weight[rank][:, None, None]
         clear = gain > 1.5 * by_chance.max()
         out.append(Break(channel, member, shape, int(order[place]), chosen, search, clear))

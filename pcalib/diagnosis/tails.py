@@ -1,0 +1,98 @@
+"""Heavy tails of the noise: whether residuals have them, and how they are met.
+
+Residuals beyond 1.5 robust σ are clipped as robust regression does it (Huber's pseudo-values); normal noise then stands
+for what is left, which it does not for single wild readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pcalib.diagnosis.screen import INVISIBLE, NUISANCE, Group, joint_span, outside, project_out, span
+
+HEAVY = 4.0
+"""Standard errors of the kurtosis from which residuals have heavy tails: of normal noise one set in 30,000."""
+CLIP = 1.5
+"""Robust σ beyond which residuals of heavy tails are clipped (Huber 1981: 96 % efficiency in normal noise)."""
+NORMAL = 1.4826
+"""σ of normal noise over the median of its size."""
+STANDING = 3
+"""Groups that may explain residuals before their tails are looked at: one more than the largest explanations have."""
+MIXED = 0.1
+"""Share of a reading's variance below which what is left of it is another reading's."""
+
+
+@dataclass(frozen=True)
+class Tails:
+    """How heavy tails are met: residuals are clipped, and what is left has a standard deviation of 1."""
+
+    widened: float
+    """By how much they make the variance of a χ² of readings that are not clipped larger than normal noise does."""
+    most: np.ndarray
+    """(2,) noise units beyond which positions and rotations are clipped."""
+    size: np.ndarray
+    """(2,) factor for what is left."""
+
+    def clipped(self, z: np.ndarray, classes: np.ndarray) -> np.ndarray:
+        """Residuals z (M,) of classes (M,) 0 and 1, so that normal noise stands for theirs."""
+        most = self.most[classes]
+        return np.clip(z, -most, most) * self.size[classes]
+
+
+def tails_of(z: np.ndarray, dof: int, sure: float) -> float:
+    """By how much the variance of Σz² is larger than that of normal noise of the same size: 1 + γ/2 with γ the excess
+    of the kurtosis (Box 1953); 1 where γ is not so many standard errors above 0."""
+    if dof < 1 or not len(z):
+        return 1.0
+    excess = float(np.mean(z**4) / max(np.mean(z**2), 1e-300) ** 2 - 3)
+    return 1 + excess / 2 if excess > sure * np.sqrt(24 / dof) else 1.0
+
+
+def find(y: np.ndarray, nuisance: np.ndarray, groups: Sequence[Group], classes: np.ndarray) -> Tails | None:
+    """The tails of residuals y (M,) in noise units, what may be missing left out; None where they are normal.
+
+    What no group can take up says whether the noise has them, and says it softly, because each of these numbers is a
+    mixture of many readings. What the groups that are needed leave says how heavy they are.
+
+    Args:
+        nuisance: (M, n) columns of what the model has.
+        classes: (M,) 0 for positions, 1 for rotations.
+    """
+    U = span(nuisance, NUISANCE)
+    rest = project_out(y, U)
+    if tails_of(_left(y, U, classes), len(y) - U.shape[1], HEAVY) == 1 or not groups:
+        return None
+    if tails_of(_left(y, joint_span(nuisance, groups), classes), len(y), 0.0) == 1:
+        return None
+    bases = [span(project_out(g.columns, U) * g.furthest, INVISIBLE) for g in groups]
+    for _ in range(STANDING):
+        left = project_out(y, U)
+        gain = [float(np.sum((b.T @ left) ** 2)) - b.shape[1] * np.log(len(y)) for b in bases]
+        best = int(np.argmax(gain))
+        if gain[best] <= 0:
+            break
+        U = np.hstack([U, outside(bases[best], U)])
+        bases = [outside(b, U) for b in bases]
+    widened = tails_of(_left(y, U, classes), len(y) - U.shape[1], HEAVY)
+    if widened == 1:
+        return None
+    most, size = np.full(2, np.inf), np.ones(2)
+    for c in np.unique(classes):
+        far = np.abs(rest[classes == c])
+        most[c] = CLIP * NORMAL * float(np.median(far))
+        size[c] = 1 / max(float(np.mean(far < most[c])), MIXED)
+    return Tails(widened, most, size)
+
+
+def _left(y: np.ndarray, Q: np.ndarray, classes: np.ndarray) -> np.ndarray:
+    """What is left of y (M,) outside span(Q), each with a variance of 1 within its class."""
+    free = 1 - np.sum(Q**2, axis=1)
+    own = free > MIXED
+    z = (y - Q @ (Q.T @ y))[own] / np.sqrt(free[own])
+    for c in np.unique(classes[own]):
+        mine = classes[own] == c
+        z[mine] /= max(float(np.sqrt(np.mean(z[mine] ** 2))), 1e-300)
+    return z
