@@ -26,6 +26,10 @@ dropped. A single rival that stays for nothing costs a few more poses, a cause t
 are ten times as many, and each is one more chance to pass for what no library lists."""
 
 
+RANKED = 20
+"""Sets that are tried in the order of their BIC until one is possible; those behind take up clearly less."""
+
+
 @dataclass(frozen=True)
 class Test:
     """What still improves on a set of effects."""
@@ -160,3 +164,39 @@ def adequate_sets(
         if is_adequate(screen, chosen, level, reference) and feasible(chosen):
             found[called] = chosen
     return list(found.values())
+
+
+def nearest_set(
+    screen: Screen,
+    candidates: Sequence[int],
+    largest: int,
+    names: Sequence[str],
+    feasible: Callable[[tuple[int, ...]], bool] = lambda chosen: True,
+) -> tuple[int, ...]:
+    """The set that takes up most for its size where none is adequate: the best pair by BIC, then what improves on it.
+
+    Each member explains something beside the others. Empty where none does.
+    """
+    cost = float(np.log(max(len(screen.residual), 2)))
+    seen = [g for g in candidates if screen.visible[g] > 0]
+
+    def worth(chosen: tuple[int, ...]) -> float:
+        Q = screen.joint(chosen)
+        return float(np.sum((Q.T @ screen.y) ** 2)) - Q.shape[1] * cost
+
+    best: tuple[int, ...] = ()
+    for size in range(1, largest + 1):
+        if size <= 2:
+            tried = list(combinations(seen, size))
+        else:
+            tried = [(*best, g) for g in seen if best and g not in best]
+        tried = [c for c in tried if len({names[g] for g in c}) == size]
+        ranked = sorted(((worth(c), c) for c in tried), reverse=True)
+        before = worth(best) if best else 0.0
+        for value, chosen in ranked[:RANKED]:
+            if value <= before:
+                break
+            if explains(screen, chosen) and feasible(chosen):
+                best = chosen
+                break
+    return best

@@ -13,11 +13,22 @@ from pcalib.diagnosis import adequacy, plausibility
 from pcalib.diagnosis.adequacy import AGAINST, SEARCH, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
 from pcalib.diagnosis.held_out import HeldOut, refitted
-from pcalib.diagnosis.hypothesis import Hypothesis
+from pcalib.diagnosis.hypothesis import Hypothesis, Kind
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem, spread, unknowns_for
-from pcalib.diagnosis.screen import NUISANCE, Misfit, Screen, misfit, smallest_seen, span
-from pcalib.diagnosis.verdict import RARE, AsGiven, Doubt, Explanation, decide, refuted, shared
+from pcalib.diagnosis.screen import ALIAS, NUISANCE, Misfit, Screen, misfit, project_out, smallest_seen, span
+from pcalib.diagnosis.verdict import (
+    NEARLY,
+    RARE,
+    TRACE,
+    AsGiven,
+    Doubt,
+    Explanation,
+    Nearly,
+    decide,
+    refuted,
+    shared,
+)
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification, linearisation
@@ -37,6 +48,10 @@ CLEARLY = 6.0
 """Difference of BIC from which one explanation is clearly better than another ('strong' by Kass & Raftery 1995)."""
 EARLY = 0.1
 """Share of the rows within which what begins to creep has crept from the start: a drift, and nothing that happened."""
+LARGEST = 3
+"""Effects at most that are named together where they explain nearly everything: one more than an explanation has."""
+PARTS = 3
+"""Parts of the robot that are named beside a geometry level; more of them say no more."""
 BEYOND = 3.0
 """σ by which fitted parameters may lie beyond their physical range and still be possible."""
 
@@ -95,6 +110,8 @@ class Diagnosis:
     """Steps and changes of slope each of which explains as much as the sets do, or everything where there are none."""
     critical: float
     """Single p below which something counts as found, all that was looked at considered."""
+    nearly: Nearly | None = None
+    """Effects that take up nearly everything, where nothing explains all."""
 
 
 @dataclass(frozen=True)
@@ -163,11 +180,14 @@ def diagnose(
     sets, events = _explanations(
         _World((), made, screen, null, widened or {}), data, own, levels, n_draws, seed, without
     )
+    if [h.kind for e in sets for h in e.members] == [Kind.LEVEL]:
+        sets = _beside_parts(sets[0], made, n_draws, seed, levels[1])
     held = HeldOut.of(made, data)
     given = _as_given(made, screen, held)
     if sets and not sets[0].names and (made.outliers.too_many or given.against):
         sets = []  # what a refit leaves of the rows to fit may look like noise, but the rest does not
     sets = _doubted(sets, made, screen, held, data)
+    nearly = None if sets or events else _nearly(_World((), made, screen, null, widened or {}), data, held)
     hot = cells(made.patterns, len(made.candidates), screen, start.p, null)
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)
@@ -187,7 +207,66 @@ def diagnose(
         checked=held.data if held else None,
         events=tuple(c for i in events for c in hot if c.found is made.patterns[i].found),
         critical=critical,
+        nearly=nearly,
     )
+
+
+def _nearly(world: _World, data: Measurements, held: HeldOut | None) -> Nearly | None:
+    """The effects that take up nearly everything; None where they leave more, or where the rows are at fault."""
+    made, screen = world.problem, world.screen
+    if made.outliers.too_many:
+        return None
+    names = [c.name for c in made.candidates]
+    effects = [g for g, c in enumerate(made.candidates) if c.effect is not None]
+    feasible = lambda chosen: possible(made, screen, chosen)  # noqa: E731
+    chosen = adequacy.nearest_set(screen, effects, LARGEST, names, feasible)
+    if not chosen:
+        return None
+    Q = screen.joint(chosen)
+    excess = float(screen.residual @ screen.residual) - screen.free
+    taken = float(np.sum((Q.T @ screen.y) ** 2)) - Q.shape[1]
+    if excess <= 0 or taken < NEARLY * excess:
+        return None
+    p = adequacy.p_values(screen, chosen).p
+    first = len(made.candidates)
+    where = int(np.argmin(p[first:])) if len(p) > first else None
+    left = 0.0
+    if where is not None:
+        left = float(np.linalg.norm(screen.allowing(chosen)[first + where].T @ screen.y))
+    best = _explanation(world, chosen)
+    if best.implausible or left > TRACE:
+        return None
+    if held is not None:
+        pairs = list(zip(best.members, best.theta, strict=True))
+        before, after = refitted(made.model, data, []), refitted(made.model, data, pairs)
+        best = replace(best, held_out=held.change(before, after) if before is not None and after is not None else None)
+    return Nearly(best, min(taken / excess, 1.0), left, where)
+
+
+def _beside_parts(best: Explanation, made: Problem, n_draws: int, seed: int, level: float) -> list[Explanation]:
+    """The explanation by a geometry level, and the simplest parts of the robot beyond that level each of which explains
+    as much: towers that lean and one rod that is too long tilt a plate alike."""
+    mechanism = made.model.robot.mechanism
+    named = np.hstack([mechanism.levels[name].basis for name in (made.model.level, *best.names)])
+    known = span(named, ALIAS)
+    parts = [Hypothesis.part(part, made.model) for part in mechanism.parts]
+    beyond = [h for h in parts if np.linalg.norm(project_out(np.asarray(h.basis), known)) > ALIAS]
+    if not beyond:
+        return [best]
+    wider = replace(made, candidates=(*made.candidates, *(Candidate.of(h, made.point) for h in beyond)))
+    screen = wider.screen(n_draws, seed)
+    world = _World((), wider, screen, adequacy.null_distribution(screen), {})
+    reference, first = float(np.quantile(world.null, level)), len(made.candidates)
+    rivals: list[Explanation] = []
+    spans: list[np.ndarray] = []
+    for g in sorted(range(first, first + len(beyond)), key=lambda g: screen.visible[g]):
+        block = screen.blocks[g]
+        if any(s.shape == block.shape and np.linalg.norm(block - s @ (s.T @ block)) < 1e-2 for s in spans):
+            continue  # the data see it as they see one that is listed
+        if screen.visible[g] and adequacy.explains(screen, [g]) and adequacy.is_adequate(screen, [g], level, reference):
+            spans.append(block)
+            rivals.append(_explanation(world, (g,)))
+    return [best, *sorted(rivals, key=lambda e: e.bic)[:PARTS]]
 
 
 def _refit_p(made: Problem, screen: Screen, y: np.ndarray, nuisance: np.ndarray) -> float:

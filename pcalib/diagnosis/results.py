@@ -79,6 +79,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             for e in found.sets
             if e.names
         ],
+        "nearly": _nearly_json(found),
         "refuted": list(found.refuted),
         "candidates": [_candidate_json(f) for f in one_per_effect(found)],
         "unavailable": [{"effect": u.name, "why": u.why} for u in found.unavailable],
@@ -95,6 +96,19 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "outliers": [int(made.given.lines[i]) for i in made.outliers.rows],
         "heatmap": [_cell_json(c, made) for c in found.cells],
         "next": advice(found),
+    }
+
+
+def _nearly_json(found: Diagnosis) -> dict[str, Any] | None:
+    if found.nearly is None:
+        return None
+    cell = None if found.nearly.where is None else found.problem.patterns[found.nearly.where]
+    return {
+        "effects": list(found.nearly.explanation.names),
+        "specs": list(found.nearly.explanation.specs),
+        "taken": found.nearly.taken,
+        "held_out": _change_json(found.nearly.explanation.held_out),
+        "left": {"s": found.nearly.left, "where": cell and [cell.channel, cell.variable]},
     }
 
 

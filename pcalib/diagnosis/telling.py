@@ -12,10 +12,11 @@ from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, Why
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.held_out import Change
+from pcalib.diagnosis.hypothesis import Kind
 from pcalib.diagnosis.patterns import Cell, spoken
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import Step
-from pcalib.diagnosis.verdict import Against, Explanation
+from pcalib.diagnosis.verdict import Against, Explanation, Nearly
 from pcalib.fitting.identification import Accuracy, Fit
 from pcalib.wording import angle, clipped, deviation, figure, size, small
 
@@ -90,6 +91,12 @@ def spoken_column(name: str) -> str:
     return {"temp": "temperature"}.get(name, name.replace("temp_", "temperature of "))
 
 
+def _called(option: Explanation, beside: Sequence[str]) -> str:
+    """An explanation by the names of effects and levels and the words for parts, those beside left out."""
+    said = [h.words if h.kind is Kind.PART else h.name for h in option.members if h.name not in beside]
+    return " with ".join(said)
+
+
 def _verdict(found: Diagnosis) -> str:
     if found.verdict == "nothing_missing":
         return "Nothing is missing: what the model leaves over looks like noise."
@@ -98,7 +105,7 @@ def _verdict(found: Diagnosis) -> str:
     if found.verdict == "ambiguous":
         if len(found.sets) == 1:
             return f"Perhaps {found.sets[0].words()}; {', and '.join(_doubts(found.sets[0]))}."
-        options = _or([" with ".join(n for n in e.names if n not in found.established) for e in found.sets])
+        options = _or([_called(e, found.established) for e in found.sets])
         sure = f"{' and '.join(found.established)} in any case, and with it " if found.established else ""
         return f"Something is missing: {sure}{options}. These poses cannot tell which."
     if found.events:
@@ -115,7 +122,25 @@ def _verdict(found: Diagnosis) -> str:
         if Against.HELD_OUT in found.given.against and Against.STALE not in found.given.against:
             return "Something is missing that the rows to fit do not show."
         return "" if Against.STALE in found.given.against else "Something is missing, or σ is stated too small."
+    if found.nearly is not None:
+        return _nearly(found, found.nearly)
     return f"Something is missing, and no effect of the library explains it. {_where(found)}"
+
+
+def _nearly(found: Diagnosis, nearly: Nearly) -> str:
+    """Effects that explain nearly everything, what they do for held-out poses, and where the rest shows."""
+    names = " with ".join(nearly.explanation.specs)
+    change = nearly.explanation.held_out
+    held = ""
+    if change is not None:
+        held = f" (held-out poses: from {figure(change.times_before)} to {figure(change.times_after)} times the noise)"
+    much = "nearly all of it" if nearly.taken > 0.985 else f"{100 * nearly.taken:.0f} % of it"
+    said = f"Something is missing. {names} explains {much}{held}; a trace is left over."
+    if nearly.where is None:
+        return said
+    cell = found.problem.patterns[nearly.where]
+    shown = next(c for c in found.cells if (c.channel, c.variable) == (cell.channel, cell.variable))
+    return f"{said} It is {figure(nearly.left, 2)} noise units, and shows best in {place(shown)}."
 
 
 def _doubts(best: Explanation) -> list[str]:
@@ -218,7 +243,9 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         out.append({"do": "next", "between": ["+".join(h.spec for h in rival) for rival in rivals], "vary": wants})
     if found.verdict == "established":
         out += [{"do": "add", "effect": spec} for e in found.sets[:1] for spec in e.specs]
-    if found.verdict == "unexplained":
+    if found.nearly is not None:
+        out += [{"do": "add", "effect": spec} for spec in found.nearly.explanation.specs]
+    elif found.verdict == "unexplained":
         out += [
             {"do": "write an effect", "channel": c.channel, "variable": c.variable}
             for c in found.cells[:2]

@@ -77,6 +77,27 @@ def test_contacts_of_a_tilted_bed_show_the_level_that_tilts():
     assert judged(fitted("bed_tilted", "printer", "tower_lean"), "bed_tilted").verdict == "nothing_missing"
 
 
+def test_towers_that_lean_and_a_rod_that_is_too_long_tilt_a_plate_alike():
+    """One rod pair is unequal; heights probed beside the nozzle cannot tell it from towers that lean."""
+    found = diagnosed("rod_pair", "linear", "firmware6")
+    assert found.verdict == "ambiguous" and not found.established
+    named = [e.names for e in found.sets]
+    assert ("tower_lean",) in named and {("l11",), ("l12",)} & set(named)
+    assert "rod 12" in telling.sentence(found)
+
+
+def test_what_is_nearly_everything_is_named_with_what_it_leaves():
+    """Warm rods and a gear ripple of 30 per turn; what both leave is a trace."""
+    found = diagnosed("both", "own_delta")
+    assert not found.established
+    if found.verdict == "unexplained":
+        assert found.nearly is not None and set(found.nearly.explanation.names) == {"thermal_rods", "gear_ripple"}
+        assert found.nearly.explanation.held_out is not None and found.nearly.explanation.held_out.times_after < 1.1
+        assert "gear_ripple:arm@30 with thermal_rods" in telling.sentence(found)
+    else:
+        assert ("gear_ripple", "thermal_rods") in [e.names for e in found.sets]
+
+
 def test_a_bound_that_excludes_the_truth_is_a_misfit():
     model = fitted("bound", "bound", bounds={"l11": (-0.5e-3, 0.5e-3)})
     assert judged(model, "bound").verdict == "unexplained"
