@@ -7,7 +7,7 @@ work with any combination of effects; derivatives come from the contribution its
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -234,6 +234,21 @@ class Contribution:
         return Deviation(self.actuator, self.rod, self.elbow, self.plate)
 
 
+@dataclass(frozen=True)
+class ClosedForm:
+    """An effect without loads in numbers that a controller can hold: δq_i = g_i·q_i + Σ_n (A_ni·sin nq_i + B_ni·cos
+    nq_i), and expansions of rods, arms and base in proportion to their temperatures above 20 °C."""
+
+    ratio: np.ndarray | None = None
+    """(nq,) g of each actuator."""
+    waves: Mapping[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    """Cycles per turn n → A and B, (nq,) [rad] each."""
+    rods: np.ndarray | None = None
+    arms: np.ndarray | None = None
+    base: np.ndarray | None = None
+    """(m,) [1/K] each, counted by rod."""
+
+
 class Effect:
     """A physical effect; a library effect or a user's class states what differs from these defaults.
 
@@ -291,6 +306,10 @@ class Effect:
     def through(self, at: Situation, theta: np.ndarray, other: Effect, other_theta: np.ndarray) -> list[Contribution]:
         """∂(contribution of this effect)/∂(parameters of another), asked of effects that are `indirect` only."""
         return [Contribution() for _ in other.parameters]
+
+    def closed_form(self, theta: np.ndarray) -> ClosedForm | None:
+        """The effect in numbers that `pcalib export` can write; None where it needs loads, directions or the time."""
+        return None
 
     def unsuited(self, mechanism: Mechanism) -> str:
         """Why it makes no sense on a robot, in words; empty where it makes sense."""

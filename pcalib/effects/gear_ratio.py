@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcalib.effects.base import EffectParameter, Situation
+from pcalib.effects.base import ClosedForm, EffectParameter, Situation
 from pcalib.effects.library import PlacedEffect
 
 
@@ -22,6 +22,9 @@ class GearRatio(PlacedEffect):
 
     def shapes(self, at: Situation) -> np.ndarray:
         return at.q[None]
+
+    def closed_form(self, theta: np.ndarray) -> ClosedForm:
+        return ClosedForm(ratio=self.placed(theta)[0])
 
 
 EFFECT = GearRatio

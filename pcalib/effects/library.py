@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from pcalib import rotation, units
-from pcalib.effects.base import Contribution, Effect, EffectParameter, Situation
+from pcalib.effects.base import ClosedForm, Contribution, Effect, EffectParameter, Situation
 from pcalib.errors import EffectError
 from pcalib.mechanics.mechanism import Mechanism
 from pcalib.registry import Registry
@@ -115,9 +115,13 @@ class PlacedEffect(LibraryEffect):
             return np.array(places.arm_of_rod)
         return np.arange(n)
 
+    def placed(self, theta: np.ndarray) -> np.ndarray:
+        """(quantities, arms or rods) the number that serves each place of the channel."""
+        return np.asarray(theta, float).reshape(len(self.numbers()), -1)[:, self._member]
+
     def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
         shapes = self.shapes(at)
-        values = np.asarray(theta, float).reshape(len(shapes), -1)[:, self._member]
+        values = self.placed(theta)
         values = values[:, None, :, None] if shapes.ndim == 4 else values[:, None]
         return Contribution(**{self.channels[0]: np.sum(values * shapes, axis=0)})
 
@@ -141,6 +145,10 @@ class Harmonic(PlacedEffect):
 
     def shapes(self, at: Situation) -> np.ndarray:
         return np.concatenate([np.stack([np.sin(n * at.q), np.cos(n * at.q)]) for n in self.cycles])
+
+    def closed_form(self, theta: np.ndarray) -> ClosedForm:
+        values = self.placed(theta)
+        return ClosedForm(waves={n: (values[2 * i], values[2 * i + 1]) for i, n in enumerate(self.cycles)})
 
     def describe(self, theta: np.ndarray) -> str:
         """Amplitude and phase of each (sine, cosine) pair, member by member."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcalib.effects.base import Situation
+from pcalib.effects.base import ClosedForm, Situation
 from pcalib.effects.library import EXPANSION, PlacedEffect, pivots, unsuited_without_arms, warmer
 from pcalib.mechanics.mechanism import Mechanism
 
@@ -28,6 +28,9 @@ class ThermalArms(PlacedEffect):
 
     def shapes(self, at: Situation) -> np.ndarray:
         return (warmer(at, "arms")[:, None, None] * (at.side.A - pivots(at)))[None]
+
+    def closed_form(self, theta: np.ndarray) -> ClosedForm:
+        return ClosedForm(arms=self.placed(theta)[0])
 
 
 EFFECT = ThermalArms

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcalib.effects.base import Situation
+from pcalib.effects.base import ClosedForm, Situation
 from pcalib.effects.library import EXPANSION, PlacedEffect, pivots, warmer
 from pcalib.mechanics.mechanism import Mechanism
 
@@ -26,6 +26,9 @@ class ThermalBase(PlacedEffect):
 
     def shapes(self, at: Situation) -> np.ndarray:
         return (warmer(at, "base")[:, None, None] * pivots(at))[None]
+
+    def closed_form(self, theta: np.ndarray) -> ClosedForm:
+        return ClosedForm(base=self.placed(theta)[0])
 
 
 EFFECT = ThermalBase

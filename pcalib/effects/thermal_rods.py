@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcalib.effects.base import Situation
+from pcalib.effects.base import ClosedForm, Situation
 from pcalib.effects.library import EXPANSION, PlacedEffect, warmer
 
 
@@ -22,6 +22,9 @@ class ThermalRods(PlacedEffect):
 
     def shapes(self, at: Situation) -> np.ndarray:
         return (warmer(at, "rods")[:, None] * np.broadcast_to(at.side.length, at.tension.shape))[None]
+
+    def closed_form(self, theta: np.ndarray) -> ClosedForm:
+        return ClosedForm(rods=self.placed(theta)[0])
 
 
 EFFECT = ThermalRods
