@@ -26,7 +26,8 @@ def command(
 
     Args:
         model: Model file, as 'pcalib fit' writes it.
-        to: c (C99: forward and inverse kinematics with a self-test) or mjcf (for MuJoCo).
+        to: c (C99: forward and inverse kinematics with a self-test), linuxcnc (a kinematics module), or mjcf (for
+            MuJoCo).
         output: Folder for the files; it is made where it does not exist.
     """
     from pcalib import modelfile, outputs
