@@ -318,6 +318,10 @@ def _doubted(
         best = replace(best, held_out=change)
         if change is None or not change.confirmed:
             doubts.append(Doubt.UNCONFIRMED)
+        elif len(pairs) > 1:
+            best = replace(best, unconfirmed=_unconfirmed(pairs, after, made, held, data))
+            if set(best.unconfirmed) >= set(shared(sets)):
+                doubts.append(Doubt.UNCONFIRMED)
     if made.noise.memory is not None:
         doubts.append(Doubt.CORRELATED)
     if _slow_and_small(best, made, screen):
@@ -327,6 +331,23 @@ def _doubted(
     if best.at_edge:
         doubts.append(Doubt.EDGE)
     return [replace(best, doubts=tuple(doubts)), *sets[1:]]
+
+
+def _unconfirmed(
+    pairs: Sequence[tuple[Hypothesis, np.ndarray]],
+    after: Model | None,
+    made: Problem,
+    held: HeldOut,
+    data: Measurements,
+) -> tuple[str, ...]:
+    """Members of an explanation that held-out rows do not ask for beside the others: `add` would say to drop them."""
+    out = []
+    for member, _ in pairs:
+        without = refitted(made.model, data, [pair for pair in pairs if pair[0] is not member])
+        change = held.change(without, after) if without is not None and after is not None else None
+        if change is None or not change.confirmed:
+            out.append(member.name)
+    return tuple(sorted(set(out)))
 
 
 def _slow_and_small(best: Explanation, made: Problem, screen: Screen) -> bool:

@@ -73,6 +73,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
                 "held_out_chi2": None if e.held_out is None else [e.held_out.before, e.held_out.after],
                 "held_out": _change_json(e.held_out),
                 "doubts": [doubt.name.lower() for doubt in e.doubts],
+                "unconfirmed": list(e.unconfirmed),
                 "plausible": not e.implausible,
                 "implausible": [f"{odd.effect}: {odd.words}" for odd in e.implausible],
             }

@@ -103,6 +103,12 @@ def _verdict(found: Diagnosis) -> str:
     if found.verdict == "established":
         return f"What is missing: {found.sets[0].words()}."
     if found.verdict == "ambiguous":
+        if len(found.sets) == 1 and found.established and found.sets[0].unconfirmed:
+            best = found.sets[0]
+            both = list(zip(best.members, best.theta, strict=True))
+            sure = "; ".join(h.sentence(theta) for h, theta in both if h.name in found.established)
+            rest = "; ".join(h.sentence(theta) for h, theta in both if h.name not in found.established)
+            return f"What is missing: {sure}. Perhaps also {rest}, which held-out poses do not confirm."
         if len(found.sets) == 1:
             return f"Perhaps {found.sets[0].words()}; {', and '.join(_doubts(found.sets[0]))}."
         options = _or([_called(e, found.established) for e in found.sets])
@@ -241,8 +247,9 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         rivals = [[h for h in e.members if h.name not in found.established] for e in found.sets[:2]]
         wants = sorted({w for rival in rivals for h in rival for w in h.wants})
         out.append({"do": "next", "between": ["+".join(h.spec for h in rival) for rival in rivals], "vary": wants})
-    if found.verdict == "established":
-        out += [{"do": "add", "effect": spec} for e in found.sets[:1] for spec in e.specs]
+    elif found.established:
+        best = found.sets[0]
+        out += [{"do": "add", "effect": h.spec} for h in best.members if h.name in found.established]
     if found.nearly is not None:
         out += [{"do": "add", "effect": spec} for spec in found.nearly.explanation.specs]
     elif found.verdict == "unexplained":

@@ -90,6 +90,8 @@ class Explanation:
     """What held-out rows say after a full refit; None where it was not asked, or where no row is held out."""
     doubts: tuple[Doubt, ...] = ()
     """Why it is not established, even where no other explanation is left."""
+    unconfirmed: tuple[str, ...] = ()
+    """Names of members without which held-out rows are explained as well, of an explanation that they confirm."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -134,8 +136,10 @@ def decide(sets: Sequence[Explanation]) -> tuple[str, tuple[str, ...]]:
         return "unexplained", ()
     if sets[0].names == ():
         return "nothing_missing", ()
-    sure = () if sets[0].doubts or sets[0].implausible else shared(sets)
-    return "established" if len(sets) == 1 and sure else "ambiguous", sure
+    if sets[0].doubts or sets[0].implausible:
+        return "ambiguous", ()
+    sure = tuple(name for name in shared(sets) if name not in sets[0].unconfirmed)
+    return "established" if len(sets) == 1 and sure == sets[0].names else "ambiguous", sure
 
 
 def shared(sets: Sequence[Explanation]) -> tuple[str, ...]:

@@ -98,6 +98,17 @@ def test_what_is_nearly_everything_is_named_with_what_it_leaves():
         assert ("gear_ripple", "thermal_rods") in [e.names for e in found.sets]
 
 
+def test_a_member_that_held_out_rows_do_not_ask_for_is_not_established():
+    """Warm rods of 12 ppm/K alone; beside them chance asks for a compliance, and `add` would say to drop it again."""
+    model = fitted("warm_rods", "default_delta")
+    found = judged(model, "warm_rods")
+    assert found.established == ("thermal_rods",) and found.verdict == "ambiguous"
+    assert found.sets[0].names == ("rod_compliance", "thermal_rods")
+    assert found.sets[0].unconfirmed == ("rod_compliance",)
+    assert "Perhaps also rods stretch under load" in telling.sentence(found)
+    assert [a["effect"] for a in telling.advice(found) if a["do"] == "add"] == ["thermal_rods"]
+
+
 def test_a_bound_that_excludes_the_truth_is_a_misfit():
     model = fitted("bound", "bound", bounds={"l11": (-0.5e-3, 0.5e-3)})
     assert judged(model, "bound").verdict == "unexplained"
