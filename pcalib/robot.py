@@ -5,6 +5,7 @@ This is a description only; the kinematics live in the mechanism that the kind b
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,6 +19,11 @@ from pcalib.errors import InputError, unknown
 from pcalib.mechanics.mechanism import Mechanism
 from pcalib.settings import ANY, Setting, section
 
+MODELS = next(
+    (folder for folder in (Path(__file__).parent / "models", Path(__file__).parents[1] / "models") if folder.is_dir()),
+    Path("models"),
+).resolve()
+"""Robot files that are found by name: in the package where a wheel brought it, else beside it in the project."""
 _FORM = "see models/delta.toml for the form"
 SECTIONS = ("name", "kind", "geometry", "joints", "mass", "workspace", "gravity", "drive")
 MOST_TURNS = 1e4
@@ -96,12 +102,29 @@ class Robot:
 
 
 def load(path: str | Path) -> Robot:
-    """Read a robot file (TOML).
+    """Read a robot file (TOML), or one of the project's own by its name, as in ``load("delta")``.
 
     Raises:
         InputError: not readable, not TOML, or a key that is missing, unknown, without unit or out of range.
     """
+    path = find(path)
     return parse(files.read_text(path), path)
+
+
+def find(path: str | Path) -> Path:
+    """The file of a robot. A bare word that names no file here is the name of a robot of :data:`MODELS`.
+
+    Raises:
+        InputError: there is no such robot; the message lists those that there are.
+    """
+    path = Path(path)
+    if path.suffix or path.name != str(path) or os.path.exists(path):
+        return path
+    known = {file.stem: file for file in sorted(MODELS.glob("*.toml"))}
+    if path.name not in known:
+        remedy = "name one of these, or a robot file (TOML) by its path"
+        raise InputError(unknown("robot", path.name, known), remedy=remedy)
+    return known[path.name]
 
 
 def parse(text: str, source: str | Path = "robot") -> Robot:

@@ -37,6 +37,17 @@ def test_every_model_file_loads(path):
     assert len(loaded.mechanism.nominal) == len(loaded.mechanism.parameters) == len(loaded.mechanism.units)
 
 
+def test_robots_are_found_by_name_and_files_before_them(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert robot.load("hexapod").text == (MODELS / "hexapod.toml").read_text(encoding="utf-8")
+    (tmp_path / "hexapod").write_text(DELTA, encoding="utf-8")
+    assert robot.load("hexapod").kind == "delta"
+    with pytest.raises(InputError, match=r"unknown robot 'dleta' \(did you mean 'delta'"):
+        robot.load("dleta")
+    with pytest.raises(InputError, match="no such file"):
+        robot.load("delta/none.toml")
+
+
 def test_any_unit_gives_the_same_robot():
     other = DELTA.replace("base_radius_mm = 200.0", "base_radius_m = 0.2")
     other = other.replace("min_deg = -60.0", "min_arcmin = -3600")

@@ -13,7 +13,6 @@ import sys
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -23,9 +22,8 @@ from pcalib.data import misreadings
 from pcalib.data.measurement import Measurements
 from pcalib.fitting import mixups
 from pcalib.mechanics import kinematics
-from pcalib.robot import Robot
+from pcalib.robot import MODELS, Robot
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
 KINDS = ("delta", "hexa", "hexa321", "h4", "linear_delta", "hexapod", "planar")
 ERRORS = {"m": 1e-3, "rad": np.radians(0.5), "1": 0.01}
 """Errors of parts are spread evenly up to these."""

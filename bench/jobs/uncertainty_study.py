@@ -37,10 +37,9 @@ from pcalib.data.measurement import Measurements
 from pcalib.errors import PcalibError
 from pcalib.fitting import identification
 from pcalib.model import Conditions, FittedEffect, Model
-from pcalib.robot import Robot
+from pcalib.robot import MODELS, Robot
 from pcalib.uncertainty import acceptance, assessed, expect
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
 KINDS = ("delta", "hexa", "hexa321", "h4", "linear_delta", "hexapod", "planar")
 POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), (0.0, 0.0, -0.3))
 """[m] Tools, measured and commanded."""

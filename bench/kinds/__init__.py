@@ -16,16 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from bench.geometry import Place
 from pcalib.registry import Registry
+from pcalib.robot import MODELS as MODELS
 from pcalib.robot import Robot
-
-MODELS = Path(__file__).resolve().parents[2] / "models"
 
 
 @dataclass(frozen=True)

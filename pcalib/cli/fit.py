@@ -52,7 +52,7 @@ def command(
 
     Args:
         data: Measurement file, CSV or Parquet.
-        robot: Robot file (TOML).
+        robot: Robot file (TOML), or the name of a robot of models/: delta.
         output: Model file to write.
         level: Geometry level: nominal, classical, model24 or complete; further ones by robot kind (docs/robots.md).
         effect: Effect to identify too: NAME, NAME:arm, or file.py:Class; may be given several times.

@@ -23,7 +23,7 @@ def command(data: Path, /, *, robot: Path | None = None, json: JsonOption = None
 
     Args:
         data: Measurement file, CSV or Parquet.
-        robot: Robot file (TOML).
+        robot: Robot file (TOML), or the name of a robot of models/: delta.
     """
     from pcalib import inspection
     from pcalib import robot as robots

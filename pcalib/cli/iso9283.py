@@ -42,7 +42,7 @@ def command(
 
     Args:
         measured: Measurement file, CSV or Parquet.
-        robot: Robot file (TOML).
+        robot: Robot file (TOML), or the name of a robot of models/: delta.
         commands: Command file with the wanted positions, as 'pcalib compensate' writes it.
         other: Measured cycles of a further robot of the same make; may be given several times.
         path: Column that names the approach path.

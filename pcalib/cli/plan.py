@@ -56,7 +56,7 @@ def command(
     geometry. Writes a table of commands with the nominal positions, to be measured or given to 'pcbench simulate'.
 
     Args:
-        robot: Robot file (TOML).
+        robot: Robot file (TOML), or the name of a robot of models/: delta.
         output: Plan to write, CSV.
         n: How many poses.
         tool: A tool at hand, e.g. 0,0,-300mm; may be given several times. None: the plate's centre is measured.

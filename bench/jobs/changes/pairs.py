@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -28,9 +27,8 @@ from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.screen import project_out, span
 from pcalib.fitting import identification
 from pcalib.model import Model
-from pcalib.robot import Robot
+from pcalib.robot import MODELS, Robot
 
-MODELS = Path(__file__).resolve().parents[3] / "models"
 STREAM = 0xC4A6
 KINDS = ("delta", "linear_delta", "hexapod")
 SIZES = (12, 40)
