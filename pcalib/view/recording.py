@@ -47,7 +47,7 @@ def recording(path: str | Path, blueprint: rrb.Blueprint, identity: str) -> Iter
         stream.set_log_tick_enabled(False)
         # Collected in memory: where a disk is full, rerun's own file sink loses data or waits for ever.
         memory = stream.memory_recording()
-        stream.send_blueprint(blueprint, make_active=False, make_default=True)
+        stream.send_blueprint(blueprint, make_active=True, make_default=True)
         try:
             yield stream
             temporary.write_bytes(memory.drain_as_bytes())

@@ -1,0 +1,294 @@
+"""The page and what it asks for, over HTTP on the loopback interface.
+
+Every address begins with a token that only the page knows. A request is answered where its Host is this server and,
+where it changes something, its Origin is this page: another page in the same browser can neither read nor drive it.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import socket
+import threading
+import urllib.parse
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pcalib import files
+from pcalib.errors import InputError, PcalibError
+from pcalib.workbench import actions, session
+from pcalib.workbench.actions import Task
+from pcalib.workbench.session import Session
+from pcalib.workbench.worker import Worker
+
+RECORDING = "application/vnd.rerun.rrd"
+PAGE = {"": "index.html", "app.js": "app.js", "style.css": "style.css"}
+TYPES = {
+    ".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8",
+    ".json": "application/json", ".csv": "text/csv; charset=utf-8", ".toml": "text/plain; charset=utf-8",
+    ".py": "text/plain; charset=utf-8", ".sh": "text/plain; charset=utf-8", ".c": "text/plain; charset=utf-8",
+    ".h": "text/plain; charset=utf-8", ".rrd": RECORDING,
+}  # fmt: skip
+REPORT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
+"""What a report of a command may do in the page: show itself. It runs no script and loads nothing."""
+OWN = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; " \
+    "frame-src 'self' http://127.0.0.1:*; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"  # fmt: skip
+
+
+class Workbench:
+    """One session and its worker; requests come from several threads."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._lock = threading.Lock()
+        self._session = session.load(folder)
+        self.worker = Worker(folder, self._ended)
+        self.folder = folder
+        self.token = secrets.token_urlsafe(24)
+
+    @cached_property
+    def viewer(self) -> str:
+        """Origin of the Rerun viewer's own pages, which show recordings and come from its package; '' without it."""
+        try:
+            import rerun as rr
+        except ImportError:
+            return ""
+        port = _free_port()
+        rr.serve_web_viewer(web_port=port, open_browser=False)
+        return f"http://127.0.0.1:{port}"
+
+    def _keep(self, changed: Session) -> None:
+        session.save(changed)
+        self._session = changed
+
+    def _ended(self, task: Task) -> None:
+        with self._lock:
+            self._keep(actions.done(self._session, task))
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the page shows."""
+        with self._lock:
+            now = self._session
+        stem = Path(now.step.model).stem if now.step else ""
+        written = {
+            name: actions.read(self.folder / f"{stem}.{name}.json")
+            for name in ("compare", "diagnose", "look", "try", "laws", "view") if stem
+        }  # fmt: skip
+        return {
+            **now.as_json(),
+            "viewer": f"{self.viewer}/" if any(f.suffix == ".rrd" for f in self.folder.iterdir()) else "",
+            "inspect": actions.read(self.folder / "inspect.json") if now.data else {},
+            "written": {name: content for name, content in written.items() if content},
+            "files": session.names(now, (".csv", ".parquet", ".toml", ".html", ".json", ".rrd")),
+            "jobs": [
+                {"number": j.number, "action": j.task.action, "says": j.task.says, "state": j.state,
+                 "seconds": round(j.seconds, 1), "said": j.said, "words": ["pcalib", *j.task.words]}
+                for j in self.worker.jobs()
+            ],
+        }  # fmt: skip
+
+    def run(self, action: str, asked: Mapping[str, str]) -> None:
+        """Queue an action, or the chain of actions that follows new data.
+
+        Raises:
+            InputError: the session is not ready for it.
+        """
+        chain = {
+            "begin": ("inspect", "fit", "compare", "diagnose", "view"), "add": ("add", "compare", "diagnose", "view")
+        }  # fmt: skip
+        with self._lock:
+            now = self._session
+        for one in chain.get(action, (action,)):
+            task = actions.task(one, now, asked)
+            self.worker.add(task)
+            if one in ("fit", "add"):  # what follows is about the model that will then be there
+                number = len(now.steps) + 1
+                kept = now.steps if one == "add" else ()
+                now = replace(now, steps=(*kept, session.Step(one, f"model{number}.toml", {})), at=len(kept))
+
+    def look_at(self, at: int) -> None:
+        """Go to a step of the history."""
+        with self._lock:
+            if not 0 <= at < len(self._session.steps):
+                raise InputError(f"the history has no step {at}")
+            self._keep(replace(self._session, at=at))
+
+    def back(self) -> None:
+        """Take the steps behind the one that is looked at out of the history; their files stay."""
+        with self._lock:
+            at = self._session.at
+            self._keep(replace(self._session, steps=self._session.steps[: at + 1]))
+
+    def take(self, name: str, content: bytes, role: str = "") -> str:
+        """Keep a file that was handed over; what it was taken for: 'robot', 'data' or 'targets'."""
+        if not session.is_name(name):
+            raise InputError(f"'{name[:40]}' is no name for a file here", remedy="use letters, digits, - and _")
+        what = role or session.kind_of(name, content)
+        with files.atomic(self.folder / name) as temporary:
+            temporary.write_bytes(content)
+        with self._lock:
+            if what in ("data", "robot"):
+                self._keep(replace(self._session, **{what: name}, steps=(), at=-1))
+        return what
+
+    def example(self) -> None:
+        """Put the built-in example in place: a Delta in which something is hidden."""
+        for name in ("robot.toml", "data.csv"):
+            content = resources.files("pcalib.workbench").joinpath("example", name).read_bytes()
+            self.take(name, content)
+
+
+class Handler(BaseHTTPRequestHandler):
+    """Answers the requests of the page."""
+
+    bench: Workbench
+    protocol_version = "HTTP/1.1"
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Print nothing: the terminal shows the address alone."""
+
+    def do_GET(self) -> None:
+        """The page, its state, and files of the session."""
+        what = self._asked()
+        if what is None:
+            return
+        path, query = what
+        if path in PAGE:
+            name = PAGE[path]
+            content = resources.files("pcalib.workbench").joinpath("page", name).read_bytes()
+            self._send(200, content, TYPES[Path(name).suffix], OWN)
+        elif path == "state":
+            self._json(200, self.bench.state())
+        elif path == "session.sh":
+            self._send(200, session.load(self.bench.folder).shell().encode(), TYPES[".sh"], REPORT)
+        elif path == "session.py":
+            self._send(200, session.load(self.bench.folder).python().encode(), TYPES[".py"], REPORT)
+        elif path == "file":
+            self._file(query.get("name", ""))
+        elif path.startswith("recording/"):  # the viewer takes addresses that end so for recordings
+            self._file(path.removeprefix("recording/"))
+        else:
+            self._json(404, {"problem": "there is no such page"})
+
+    def do_POST(self) -> None:
+        """Actions and uploads."""
+        what = self._asked(changes=True)
+        if what is None:
+            return
+        path, query = what
+        try:
+            length = int(self.headers.get("Content-Length") or "x")
+        except ValueError:
+            self._json(411, {"problem": "the size of what is sent has to be said"})
+            return
+        if not 0 <= length <= session.LARGEST:
+            self.close_connection = True
+            self._json(413, {"problem": f"files of more than {session.LARGEST // 2**20} MiB are not taken here"})
+            return
+        body = self.rfile.read(length)
+        try:
+            self._json(200, self._act(path, query, body))
+        except PcalibError as error:
+            self._json(400, {"problem": str(error)})
+
+    def _act(self, path: str, query: Mapping[str, str], body: bytes) -> dict[str, Any]:
+        bench = self.bench
+        if path == "upload":
+            return {"taken": bench.take(query.get("name", ""), body, "targets" if query.get("as") == "targets" else "")}
+        if path == "example":
+            bench.example()
+            bench.run("begin", {})
+        elif path == "run":
+            bench.run(query.get("action", ""), query)
+        elif path == "cancel":
+            bench.worker.cancel()
+        elif path == "at":
+            bench.look_at(int(query["step"]) if query.get("step", "").isdigit() else -1)
+        elif path == "back":
+            bench.back()
+        else:
+            raise InputError("there is no such action")
+        return {}
+
+    def _asked(self, changes: bool = False) -> tuple[str, dict[str, str]] | None:
+        """Path behind the token, and query; None where the request is refused, which has then been said."""
+        port = self.server.server_address[1]
+        own = {f"127.0.0.1:{port}", f"localhost:{port}"}
+        if self.headers.get("Host") not in own:
+            return self._refuse("this server answers to its own name only")
+        origin = self.headers.get("Origin")
+        address = urllib.parse.urlsplit(self.path)
+        recording = not changes and address.path.endswith(".rrd")
+        viewer = recording and bool(origin) and origin == self.bench.viewer
+        if (changes or origin) and not viewer and origin not in {f"http://{host}" for host in own}:
+            return self._refuse("another page may not ask")
+        token, _, path = address.path.lstrip("/").partition("/")
+        if not secrets.compare_digest(token.encode(), self.bench.token.encode()):
+            return self._refuse("the address is not complete: copy it from the terminal")
+        return path, dict(urllib.parse.parse_qsl(address.query))
+
+    def _refuse(self, problem: str) -> None:
+        self.close_connection = True
+        self._json(403, {"problem": problem})
+
+    def _file(self, name: str) -> None:
+        path = self.bench.folder / name
+        if not session.is_name(name) or path.is_symlink() or not path.is_file():
+            self._json(404, {"problem": "there is no such file in the session's folder"})
+            return
+        self._send(200, path.read_bytes(), TYPES.get(path.suffix, "application/octet-stream"), REPORT)
+
+    def _json(self, status: int, content: Mapping[str, Any]) -> None:
+        self._send(status, json.dumps(content).encode(), TYPES[".json"], REPORT)
+
+    def _send(self, status: int, content: bytes, kind: str, policy: str) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Content-Security-Policy", policy)
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Referrer-Policy", "no-referrer")
+        self.send_header("Cache-Control", "no-store")
+        if kind == RECORDING:
+            self.send_header("Access-Control-Allow-Origin", self.bench.viewer)
+        self.end_headers()
+        try:
+            self.wfile.write(content)
+        except (BrokenPipeError, ConnectionResetError):
+            self.close_connection = True
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+def serve(folder: Path, port: int = 0) -> tuple[ThreadingHTTPServer, Workbench]:
+    """A server on the loopback interface that is ready to run, and its workbench.
+
+    Args:
+        port: 0 takes a free one.
+
+    Raises:
+        InputError: the port is taken, or the folder's record is damaged.
+    """
+    bench = Workbench(folder)
+    handler = type("BoundHandler", (Handler,), {"bench": bench})
+    try:
+        server = ThreadingHTTPServer(("127.0.0.1", port), handler)
+    except OSError as error:
+        bench.worker.close()
+        raise InputError(f"port {port} cannot be used: {error.strerror}", remedy="leave --port out") from None
+    server.daemon_threads = True
+    return server, bench
+
+
+def address(server: ThreadingHTTPServer, bench: Workbench) -> str:
+    """The address of the page."""
+    return f"http://127.0.0.1:{server.server_address[1]}/{bench.token}/"

@@ -1,0 +1,119 @@
+"""The folder of a session: data, robot, models and figures as the commands wrote them, and a record of the commands.
+
+A session is read back from its folder, so that it goes on wherever it was interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pcalib import files, outputs
+
+RECORD = "session.json"
+SHAPE = {"data": str, "robot": str, "steps": list, "commands": list, "at": int}
+LARGEST = 64 * 2**20
+"""[bytes] of one file that is handed over: a million poses as text."""
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,99}")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One model of the history."""
+
+    title: str
+    """'complete', '+ thermal_rods'."""
+    model: str
+    """Name of the model file."""
+    figures: dict[str, Any]
+    """rms, rms_check [µm] and u95 [µm], where they are known."""
+    report: str = ""
+    """Name of the report of the fit."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """What stands in the record."""
+
+    data: str = ""
+    robot: str = ""
+    steps: tuple[Step, ...] = ()
+    commands: tuple[tuple[str, ...], ...] = ()
+    """Words of each command that was run to its end, oldest first, without the program's name."""
+    at: int = -1
+    """Which step is looked at; −1: the last one."""
+    source: Path = field(default=Path(), compare=False)
+    """The folder."""
+
+    @property
+    def step(self) -> Step | None:
+        """The step that is looked at."""
+        return self.steps[self.at] if self.steps else None
+
+    def as_json(self) -> dict[str, Any]:
+        """Its content."""
+        out = asdict(self)
+        out.pop("source")
+        return out
+
+    def shell(self) -> str:
+        """The session as a shell script."""
+        lines = "".join(f"pcalib {shlex.join(words)}\n" for words in self.commands)
+        about = "# What the window did, command by command. Run it in the session's folder."
+        return f"#!/usr/bin/env bash\n{about}\nset -e\n{lines}"
+
+    def python(self) -> str:
+        """The session as a Python script."""
+        calls = "".join(f"run({', '.join(map(repr, words))})\n" for words in self.commands)
+        return (
+            '"""What the window did, command by command. Run it in the session\'s folder."""\n\nimport sys\n\n'
+            "from pcalib.cli import main\n\n\ndef run(*words: str) -> None:\n"
+            "    if code := main(words):\n        sys.exit(code)\n\n\n" + calls
+        )
+
+
+def load(folder: Path) -> Session:
+    """The session of a folder; an empty one where it has no record.
+
+    Raises:
+        InputError: the record is damaged.
+    """
+    record = folder / RECORD
+    if not record.exists():
+        return Session(source=folder)
+    remedy = "move it away to begin anew; the models and figures in the folder stay"
+    found = files.parse_json(files.read_text(record), record, remedy)
+    files.require_shape(found, SHAPE, record, remedy)
+    steps = tuple(Step(**step) for step in found["steps"])
+    return Session(
+        found["data"], found["robot"], steps, tuple(tuple(map(str, c)) for c in found["commands"]), found["at"], folder
+    )
+
+
+def save(session: Session) -> None:
+    """Write the record."""
+    outputs.may_rewrite([session.source / RECORD])
+    files.write_text(session.source / RECORD, json.dumps(session.as_json(), indent=1, ensure_ascii=False))
+
+
+def is_name(name: str) -> bool:
+    """Whether a name is that of a file in a session's folder: no path, nothing hidden."""
+    return bool(_NAME.fullmatch(name)) and ".." not in name
+
+
+def kind_of(name: str, content: bytes) -> str:
+    """'robot' or 'data' of a file that was handed over, by its content."""
+    text = content[:65536]
+    if name.lower().endswith(".toml") or (b"[geometry]" in text and b"kind" in text):
+        return "robot"
+    return "data"
+
+
+def names(session: Session, suffixes: Sequence[str]) -> list[str]:
+    """Files of the folder with one of these endings, sorted."""
+    return sorted(f.name for f in session.source.iterdir() if f.suffix in suffixes and is_name(f.name))

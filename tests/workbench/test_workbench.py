@@ -1,0 +1,206 @@
+"""The workbench over HTTP: who may ask, what may be asked, and that its figures are the commands' own."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from pcalib.errors import InputError
+from pcalib.workbench import actions, server, session
+from pcalib.workbench.actions import Task
+from pcalib.workbench.server import Workbench
+from pcalib.workbench.worker import Worker
+
+
+@pytest.fixture
+def running(tmp_path) -> Iterator[tuple[int, Workbench]]:
+    served, bench = server.serve(tmp_path / "session")
+    thread = threading.Thread(target=served.serve_forever, daemon=True)
+    thread.start()
+    yield served.server_address[1], bench
+    served.shutdown()
+    served.server_close()
+    bench.worker.close()
+
+
+def ask(port: int, path: str, method: str = "GET", body: bytes = b"", **headers: str) -> tuple[int, bytes, dict]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
+    sent = {"Origin": f"http://127.0.0.1:{port}"} if method == "POST" else {}
+    sent |= {name.replace("_", "-"): value for name, value in headers.items()}
+    connection.request(method, path, body, {k: v for k, v in sent.items() if v})
+    answer = connection.getresponse()
+    return answer.status, answer.read(), dict(answer.headers)
+
+
+def settled(bench: Workbench, seconds: float = 240.0) -> list:
+    end = time.monotonic() + seconds
+    while any(j.state in ("runs", "waits") for j in bench.worker.jobs()):
+        assert time.monotonic() < end, [j.state for j in bench.worker.jobs()]
+        time.sleep(0.1)
+    return bench.worker.jobs()
+
+
+class TestWhoMayAsk:
+    def test_the_page_is_shown_to_who_has_its_address(self, running):
+        port, bench = running
+        status, page, headers = ask(port, f"/{bench.token}/")
+        assert status == 200 and b"<title>pcalib workbench" in page
+        assert "script-src 'self'" in headers["Content-Security-Policy"] and "http:" not in page.decode()
+        for path in ("app.js", "style.css", "state"):
+            assert ask(port, f"/{bench.token}/{path}")[0] == 200
+
+    @pytest.mark.parametrize("path", ["/", "/state", "/wrong/state", "/wrong/"])
+    def test_without_the_token_nothing_is_said(self, running, path):
+        status, said, _ = ask(running[0], path)
+        assert status == 403 and b"data.csv" not in said
+
+    @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1", "evil.example:{port}", "localhost:1"])
+    def test_other_names_of_the_server_are_refused(self, running, host):
+        """A name of another site that leads here must not open the page to that site."""
+        port, bench = running
+        assert ask(port, f"/{bench.token}/state", Host=host.format(port=port))[0] == 403
+
+    @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "", "https://localhost"])
+    def test_pages_from_elsewhere_cannot_change_anything(self, running, origin):
+        port, bench = running
+        assert ask(port, f"/{bench.token}/example", "POST", Origin=origin)[0] == 403
+        assert not (bench.folder / "data.csv").exists()
+
+    def test_pages_from_elsewhere_cannot_read(self, running):
+        port, bench = running
+        status, _, headers = ask(port, f"/{bench.token}/state", Origin="http://evil.example")
+        assert status == 403 and "Access-Control-Allow-Origin" not in headers
+
+
+class TestFiles:
+    @pytest.mark.parametrize(
+        "name", ["../x.csv", "/etc/passwd", ".hidden", "a/b.csv", "..", "<b>.csv", "a\x00.csv", ""]
+    )
+    def test_names_that_lead_elsewhere_are_no_names(self, running, name):
+        port, bench = running
+        quoted = "".join(f"%{b:02x}" for b in name.encode())
+        assert ask(port, f"/{bench.token}/upload?name={quoted}", "POST", b"x")[0] == 400
+        assert ask(port, f"/{bench.token}/file?name={quoted}")[0] == 404
+        assert sorted(f.name for f in bench.folder.iterdir()) == []
+
+    def test_a_link_is_not_followed(self, running, tmp_path):
+        port, bench = running
+        (tmp_path / "secret.csv").write_text("secret")
+        (bench.folder / "link.csv").symlink_to(tmp_path / "secret.csv")
+        status, said, _ = ask(port, f"/{bench.token}/file?name=link.csv")
+        assert status == 404 and b"secret" not in said
+
+    def test_too_much_is_refused_before_it_is_read(self, running):
+        port, bench = running
+        status, said, _ = ask(port, f"/{bench.token}/upload?name=a.csv", "POST", Content_Length=str(2**40))
+        assert status == 413 and b"MiB" in said
+
+    def test_reports_may_run_nothing(self, running):
+        port, bench = running
+        (bench.folder / "model1.html").write_text("<script>alert(1)</script>")
+        _, _, headers = ask(port, f"/{bench.token}/file?name=model1.html")
+        policy = headers["Content-Security-Policy"]
+        assert "sandbox" in policy and "default-src 'none'" in policy and "script-src" not in policy
+
+    def test_robot_and_data_are_told_apart(self):
+        assert session.kind_of("delta.toml", b"") == "robot"
+        assert session.kind_of("poses.csv", b"q1_deg,x_mm\n") == "data"
+
+
+class TestActions:
+    def test_nothing_runs_before_there_is_data(self, running):
+        port, bench = running
+        status, said, _ = ask(port, f"/{bench.token}/run?action=fit", "POST")
+        assert status == 400 and "data file" in json.loads(said)["problem"]
+        assert ask(port, f"/{bench.token}/run?action=rm", "POST")[0] == 400
+
+    def test_what_is_asked_for_cannot_become_an_option(self, tmp_path):
+        now = session.Session("d.csv", "r.toml", (session.Step("complete", "model1.toml", {}),), source=tmp_path)
+        assert actions.task("add", now, {"effect": "backlash"}).words[:4] == ("add", "backlash", "d.csv", "--model")
+        with pytest.raises(InputError, match="is no effect"):
+            actions.task("add", now, {"effect": "--report"})
+
+    def test_a_command_that_fails_takes_those_behind_it_along(self, tmp_path):
+        ended: list[Task] = []
+        worker = Worker(tmp_path, ended.append)
+        for words in (("inspect", "no.csv", "--robot", "no.toml"), ("effect", "list")):
+            worker.add(Task("inspect", "…", words))
+        while any(j.state in ("runs", "waits") for j in worker.jobs()):
+            time.sleep(0.05)
+        first, second = worker.jobs()
+        assert first.state == "failed" and "no such file" in first.said and second.state == "cancelled" and not ended
+        worker.close()
+
+
+def test_the_whole_loop_and_its_script(running, tmp_path):
+    """From the example to the effect that was hidden in it; the script of the session makes the same bytes."""
+    port, bench = running
+    assert ask(port, f"/{bench.token}/example", "POST")[0] == 200
+    assert [j.state for j in settled(bench)] == ["done"] * 5
+    state = json.loads(ask(port, f"/{bench.token}/state")[1])
+    assert state["written"]["diagnose"]["established"] == ["thermal_rods"]
+    before = state["steps"][0]["figures"]
+    assert before["rms"] == json.loads((bench.folder / "model1.json").read_text())["rms_pos_um"]
+
+    ask(port, f"/{bench.token}/run?action=add&effect=thermal_rods", "POST")
+    settled(bench)
+    state = json.loads(ask(port, f"/{bench.token}/state")[1])
+    after = state["steps"][1]["figures"]
+    assert after["rms"] < 0.5 * before["rms"] and after["rms_check"] < 0.6 * before["rms_check"]
+    assert state["written"]["diagnose"]["verdict"] == "nothing_missing" and state["at"] == 1
+
+    again = session.load(bench.folder)  # as after a kill: the record alone
+    assert [s.title for s in again.steps] == ["complete", "+ thermal_rods"]
+    ask(port, f"/{bench.token}/at?step=0", "POST")
+    ask(port, f"/{bench.token}/back", "POST")
+    assert len(session.load(bench.folder).steps) == 1
+
+    fresh = tmp_path / "fresh"
+    fresh.mkdir()
+    for name in ("data.csv", "robot.toml"):
+        shutil.copy(bench.folder / name, fresh)
+    script = ask(port, f"/{bench.token}/session.py")[1].decode()
+    kept = [line for line in script.splitlines() if not line.startswith("run(") or "'fit'" in line or "'add'" in line]
+    subprocess.run([sys.executable, "-c", "\n".join(kept)], cwd=fresh, check=True, capture_output=True)
+    for name in ("model1.toml", "model2.toml"):
+        assert (fresh / name).read_bytes() == (bench.folder / name).read_bytes()
+
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine (Debian: chromium)")
+def test_a_person_walks_through_it_in_a_browser(running):
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    port, bench = running
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        wrong: list[str] = []
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on("console", lambda m: wrong.append(m.text) if "Content Security" in m.text else None)
+        page.goto(f"http://127.0.0.1:{port}/{bench.token}/")
+        page.get_by_role("button", name="Try the example").press("Enter")  # by keyboard
+        page.wait_for_selector("#cancel:not([hidden])", timeout=30_000)
+        page.click("#cancel")
+        page.wait_for_selector("#work:empty", state="attached", timeout=30_000)
+        page.reload()
+        page.get_by_role("button", name="Fit", exact=True).click()
+        page.wait_for_selector("#advice button.main:has-text('Add thermal_rods')", timeout=120_000)
+        page.click("#advice button.main")
+        page.wait_for_selector("#history li:nth-child(2)", timeout=120_000)
+        page.wait_for_selector("#verdict:has-text('Nothing is missing')", timeout=120_000)
+        texts = page.locator("#history small").all_inner_texts()
+        assert texts[0].startswith("55.7 µm fit") and texts[2].startswith("22.3 µm fit")
+        page.set_input_files("#choose", {"name": "<b>.csv", "mimeType": "text/csv", "buffer": b"nonsense"})
+        page.wait_for_selector("#problem:not([hidden]), #files:has-text('_b_.csv')", timeout=30_000)
+        assert page.locator("b").count() == 0 and not wrong
+        browser.close()
