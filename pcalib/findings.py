@@ -260,6 +260,13 @@ def rotations(data: Measurements) -> Iterator[Finding]:
     if data.written is None or data.written.shape[1] != 3 or not turned.any():
         return
     vector, R = data.written[turned], data.rotation[turned]
+    if not vector.any():
+        yield Finding(
+            "warning", "rotations_zero",
+            "rx, ry and rz are 0 in every row: these are no readings, for every plate tilts a little.",
+            "Leave these columns out, or blank, where rotation is not measured.",
+        )  # fmt: skip
+        return
     apart = [
         rotation.log(orientation.from_euler(order, vector) @ rotation.transposed(R)) for order in ("xyz", "zyx")
     ]

@@ -96,6 +96,7 @@ FINDINGS = {
     "odd_temperature": lambda: good(columns=moved("temp_rods", good().columns["temp"] + 273)),
     "other_robot": lambda: replace(good(), robot_name="gamma"),
     "odd_payload": lambda: good(payload=good().payload * 1000),
+    "rotations_zero": lambda: replace(good_with(rotation=np.tile(np.eye(3), (50, 1, 1))), written=np.zeros((50, 3))),
     "odd_rotation": lambda: good_with(rotation=rotation.exp(np.tile([0.5, 0, 0], (50, 1)))),
     "unreachable": lambda: replace(good(), q=np.where(np.arange(50)[:, None] == 7, [1.6, -1.6, -1.6], good().q)),
     "clock_jumps": lambda: good(columns=moved("time", (85800 + 60.0 * np.arange(50)) % 86400)),

@@ -231,11 +231,21 @@ def _readings(data: Measurements, robot: Robot, here: Distance | None) -> list[m
             continue
         group, factor = entry.stretch
         columns = {"": slice(0, 0), "position": slice(0, 3), "rotation": slice(3, 6)}[group]
-        shrunk = 2 * int(data.mask[:, columns].sum()) * np.log(factor)  # a density has the unit of what it is of
+        # A density has the unit of what it is of. A group that is 0 throughout looks the same in all units.
+        shrunk = 2 * _counted(data, columns) * np.log(factor)
         if _home(there, here, shrunk):
             found.append((there.cost - shrunk, entry))
     best = min((cost for cost, _ in found), default=0.0)
     return [entry for cost, entry in found if cost < best + max(ALIKE, 0.5 * abs(best))]
+
+
+def _counted(data: Measurements, columns: slice) -> int:
+    """Readings of a group of columns of (N, 6); none where all of them are 0."""
+    turned = np.zeros((len(data), 3))
+    measured = data.mask[:, 3]
+    turned[measured] = rotation.log(data.rotation[measured])
+    values = np.where(data.mask, np.hstack([np.nan_to_num(data.position), turned]), 0.0)[:, columns]
+    return int(data.mask[:, columns].sum()) if values.any() else 0
 
 
 def _home(there: Distance | None, here: Distance | None, shrunk: float = 0.0) -> bool:

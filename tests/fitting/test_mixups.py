@@ -47,6 +47,17 @@ def test_sound_data_raise_no_suspicion(base, tracker):
     assert mixups.compare(tracker, DELTA).rms == pytest.approx(mixups.compare(base, DELTA).aligned_rms, rel=1e-9)
 
 
+def test_rotations_that_are_all_zero_are_in_no_other_unit():
+    """Some programs write 0 where nothing was measured; that is the same in degrees and in radians."""
+    rng = np.random.default_rng(4)
+    q = planning.reachable(DELTA, 60, rng).q
+    seen = kinematics.forward(DELTA.mechanism, DELTA.mechanism.nominal, q).pose.x
+    seen = seen + 2e-5 * rng.standard_normal(seen.shape)
+    data = Measurements.create(DELTA, q, seen, np.tile(np.eye(3), (60, 1, 1)), sigma_pos=2e-5, sigma_rot=6e-5)
+    judged = mixups.judge(data, DELTA)
+    assert not any("radian" in words for _, words, _ in judged.readings), judged.readings
+
+
 @pytest.mark.parametrize("kind", trials.KINDS)
 def test_every_way_to_misread_has_an_inverse(kind):
     """What an entry spoils it mends again, to rounding."""
