@@ -248,8 +248,8 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         wants = sorted({w for rival in rivals for h in rival for w in h.wants})
         out.append({"do": "next", "between": ["+".join(h.spec for h in rival) for rival in rivals], "vary": wants})
     elif found.established:
-        best = found.sets[0]
-        out += [{"do": "add", "effect": h.spec} for h in best.members if h.name in found.established]
+        sure = [h for e in found.sets[:1] for h in e.members if h.name in found.established]
+        out += [{"do": "add", "effect": h.spec} for h in sure]
     if found.nearly is not None:
         out += [{"do": "add", "effect": spec} for spec in found.nearly.explanation.specs]
     elif found.verdict == "unexplained":

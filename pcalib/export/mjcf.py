@@ -135,7 +135,7 @@ def _ends(rods: Rods, r: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _drive(rods: Rods, i: int, scene: _Scene) -> None:
     """A drive with the part that it moves and the rods that hang on it."""
-    mine = [r for r in np.flatnonzero(rods.actuator == i) if not rods.guided[r]]
+    mine = [int(r) for r in np.flatnonzero(rods.actuator == i) if not rods.guided[r]]
     name, q, first = rods.actuators[i], rods.home_q[i], mine[0]
     if rods.cosine[first].any():  # an arm: both anchors run on circles about one axis
         axis = np.cross(rods.cosine[first], rods.sine[first])

@@ -217,7 +217,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def _asked(self, changes: bool = False) -> tuple[str, dict[str, str]] | None:
         """Path behind the token, and query; None where the request is refused, which has then been said."""
-        port = self.server.server_address[1]
+        port = self.connection.getsockname()[1]
         own = {f"127.0.0.1:{port}", f"localhost:{port}"}
         if self.headers.get("Host") not in own:
             return self._refuse("this server answers to its own name only")
@@ -291,4 +291,4 @@ def serve(folder: Path, port: int = 0) -> tuple[ThreadingHTTPServer, Workbench]:
 
 def address(server: ThreadingHTTPServer, bench: Workbench) -> str:
     """The address of the page."""
-    return f"http://127.0.0.1:{server.server_address[1]}/{bench.token}/"
+    return f"http://127.0.0.1:{server.server_port}/{bench.token}/"
