@@ -8,6 +8,7 @@ what they see:
     position   position only (a laser tracker on one reflector)
     probe      z only (a touch probe)
     contact    z only, by commands that are lowered until the tool touches a level bed (`bench.contact`)
+    none       nothing: sensors measure that read no pose (`bench.sensors`)
 
 Order: true pose → frame of the instrument (tracker) → faults of it → noise, outliers → resolution → missing.
 Every row draws from a generator of its own, so that neither the order nor the number of workers matters.
@@ -33,6 +34,7 @@ MEASURED = {
     "position": (True, True, True, False, False, False),
     "probe": (False, False, True, False, False, False),
     "contact": (False, False, True, False, False, False),
+    "none": (False,) * 6,
 }
 """Which of x, y, z, rx, ry, rz each kind sees."""
 

@@ -23,6 +23,7 @@ from bench.plan import Plan
 from bench.truth import Truth
 from pcalib import units
 from pcalib.data.measurement import Measurements
+from pcalib.data.readings import POSE, Readings
 from pcalib.errors import ReachError
 
 CHUNK = 64
@@ -48,7 +49,7 @@ class DataSet:
     landing: Landing
     """Where the robot really went, for all rows of the plan."""
     kept: np.ndarray
-    """Rows of the plan that are in the measurements."""
+    """Row of the plan of every measurement."""
     lost: np.ndarray
     """Rows that the instrument lost, or saw nothing of."""
     outlier: np.ndarray
@@ -102,28 +103,61 @@ def run(
         reading.position[:, 2] = instrument.values["bed"]
     seen = ~(np.isnan(reading.position).all(axis=1) & np.isnan(reading.rotation).all(axis=(1, 2)))
     kept = np.flatnonzero(landing.ok & seen & ~reading.lost)
-    if not len(kept):
-        raise ReachError("the instrument lost every row: lower missing_rows and missing_components")
-
+    source, readings, sigma = _sensed(truth, landing, rows, kept, seed)
+    posed = np.ones(len(source), bool) if readings is None else readings.sensor == POSE
+    blank = ~posed
+    position, turn = reading.position[source], reading.rotation[source]
+    position[blank], turn[blank] = np.nan, np.nan
     measurements = Measurements.create(
         robot,
-        asked.q[kept],
-        reading.position[kept],
-        reading.rotation[kept],
-        tool=commands.tool[kept],
-        payload=commands.payload[kept],
-        columns={name: values[kept] for name, values in commands.columns.items()},
-        pose_id=plan.pose_id[kept],
-        check=plan.check[kept],
-        sigma_pos=reading.sigma_pos[kept] if reading.states[0] else None,
-        sigma_rot=reading.sigma_rot[kept] if reading.states[1] else None,
+        asked.q[source],
+        position,
+        turn,
+        tool=commands.tool[source],
+        payload=commands.payload[source],
+        columns={name: values[source] for name, values in commands.columns.items()},
+        pose_id=plan.pose_id[source],
+        check=plan.check[source],
+        sigma_pos=reading.sigma_pos[source] if reading.states[0] else None,
+        sigma_rot=reading.sigma_rot[source] if reading.states[1] else None,
         instrument=reading.description,
         frame=instrument.values["frame"],
         source="simulation",
+        readings=readings,
+        sigma_readings=sigma if instrument.values["state_sigma"] else None,
     )
-    lost = np.flatnonzero(landing.ok & ~(seen & ~reading.lost))
+    lost = np.setdiff1d(np.flatnonzero(landing.ok), source)
     outlier = kept[reading.outlier[kept]]
-    return DataSet(measurements, landing, kept, lost, outlier, reading.covariance[kept])
+    covariance = reading.covariance[source]
+    covariance[blank] = sigma[blank, :, None] ** 2 * np.eye(6)
+    return DataSet(measurements, landing, source, lost, outlier, covariance)
+
+
+def _sensed(
+    truth: Truth, landing: Landing, rows: np.ndarray, kept: np.ndarray, seed: int
+) -> tuple[np.ndarray, Readings | None, np.ndarray]:
+    """Return the rows of the plan behind every reading, in order, what sensors read there, and σ (n, 6) of that.
+
+    Raises:
+        ReachError: neither instrument nor sensors saw anything.
+    """
+    found = [(sensor.read(landing.tcp, landing.R, rows, seed)) for sensor in truth.sensors]
+    given = [np.flatnonzero(landing.ok & ~np.isnan(read.value).all(axis=1)) for read in found]
+    source = np.concatenate([kept, *given])
+    if not len(source):
+        raise ReachError(
+            "nothing was measured: lower missing_rows and missing_components, or move the stations into reach"
+        )
+    order = np.argsort(source, kind="stable")
+    if not found:
+        return source, None, np.zeros((len(source), 6))
+    n, read = len(kept), list(zip(found, given, strict=True))
+    name = np.concatenate([np.full(n, POSE, object), *(np.full(len(g), r.name, object) for r, g in read)])
+    to = np.concatenate([np.full(n, "", object), *(r.to[g] for r, g in read)])
+    value = np.concatenate([np.full((n, 6), np.nan), *(r.value[g] for r, g in read)])
+    sigma = np.concatenate([np.zeros((n, 6)), *(np.full((len(g), 6), r.sigma) for r, g in read)])
+    said = {key: text for read in found for key, text in read.metadata.items()}
+    return source[order], Readings(name[order], to[order], value[order], said, said), sigma[order]
 
 
 def truth_path(data: Path) -> Path:

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from bench import faults
+from bench import faults, sensors
 from bench.faults import Fault
 from bench.instrument import Instrument
 from bench.machine import Machine
+from bench.sensors import Sensor
 from pcalib import files, units
 from pcalib import robot as robots
 from pcalib.errors import InputError, unknown
@@ -28,7 +29,7 @@ from pcalib.settings import Setting, is_number, read
 
 SCHEMA = "pcbench.truth/1"
 FORM = "see docs/bench.md for the form"
-SECTIONS = ("schema", "robot", "geometry", "instrument", "faults", "sealed")
+SECTIONS = ("schema", "robot", "geometry", "instrument", "sensors", "faults", "sealed")
 DRAWN = (
     Setting("sigma_length", "length", 0.0, 0.0, 0.05, about="1σ of every length and coordinate"),
     Setting("sigma_angle", "angle", 0.0, 0.0, 0.2, about="1σ of every component of a rotation vector"),
@@ -50,6 +51,8 @@ class Truth:
     """(nk,) true minus nominal geometric parameters [m, rad, 1]."""
     instrument: Instrument
     faults: tuple[Fault, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    """What measures beside the instrument."""
 
     @property
     def values(self) -> np.ndarray:
@@ -110,6 +113,8 @@ def dumps(truth: Truth, sealed: Mapping[str, Any] | None = None) -> str:
         table["sealed"] = dict(sealed)
     table["geometry"] = {"errors": errors}
     table["instrument"] = truth.instrument.to_table()
+    if truth.sensors:
+        table["sensors"] = {sensor.name: sensor.to_table() for sensor in truth.sensors}
     table["faults"] = {fault.name: fault.to_table() for fault in truth.faults}
     table["robot"] = tomllib.loads(truth.robot.text)
     return tomli_w.dumps(table)
@@ -122,17 +127,22 @@ def _from_table(table: Mapping[str, Any], folder: Path) -> Truth:
     if table.get("schema", SCHEMA) != SCHEMA:
         raise InputError(f"schema is '{table['schema']}', not '{SCHEMA}'", key="schema")
     robot = _robot(table.get("robot"), folder)
-    for section in ("geometry", "instrument", "faults"):
+    for section in ("geometry", "instrument", "sensors", "faults"):
         if not isinstance(table.get(section, {}), dict):
             raise InputError(f"'{section}' must be a section", key=section, remedy=f"write [{section}]")
-    made = []
-    for name, settings in table.get("faults", {}).items():
-        if not isinstance(settings, dict):
-            raise InputError(f"'{name}' must be a section", section="faults", key=name, remedy=f"write [faults.{name}]")
-        made.append(faults.make(robot, name, settings))
+    made = [faults.make(robot, name, settings) for name, settings in _sections(table, "faults")]
     faults.suit(robot, made)
     instrument = Instrument.from_table(table.get("instrument", {}))
-    return Truth(robot, _errors(robot, table.get("geometry", {})), instrument, tuple(made))
+    seen = tuple(sensors.make(name, settings) for name, settings in _sections(table, "sensors"))
+    return Truth(robot, _errors(robot, table.get("geometry", {})), instrument, tuple(made), seen)
+
+
+def _sections(table: Mapping[str, Any], section: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    for name, settings in table.get(section, {}).items():
+        if not isinstance(settings, dict):
+            remedy = f"write [{section}.{name}]"
+            raise InputError(f"'{name}' must be a section", section=section, key=name, remedy=remedy)
+        yield name, settings
 
 
 def _robot(given: Any, folder: Path) -> Robot:

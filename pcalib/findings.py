@@ -79,13 +79,14 @@ def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
             f"Rows of one pose_id stand both in fit and in check ({np.sum(shared >= 0)} ids): the check is not "
             "independent.",
         )  # fmt: skip
-    if not data.mask[:, 3].any():
+    if not data.mask[:, 3:].any():
         tools = len(np.unique(np.round(data.tool, 6), axis=0))
         if tools < 3:
             yield Finding(
                 "note", "position_only",
-                f"Only positions are measured, with {tools} tool point{'s' * (tools > 1)}: the plate's own rotation, "
-                "and the errors that only turn it, are seen in part; three tool points would show all of it.",
+                f"Only {'positions' if data.readings is None else 'lengths'} are measured, with {tools} tool "
+                f"point{'s' * (tools > 1)}: the plate's own rotation, and the errors that only turn it, are seen in "
+                "part; three tool points would show all of it.",
             )  # fmt: skip
 
 
@@ -211,7 +212,7 @@ def noise_level(data: Measurements, noise: Noise) -> Iterator[Finding]:
 
 def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
     """Values that look odd but may be right."""
-    seen = np.array(data.mask[:, :3].all(axis=1))
+    seen = ~np.isnan(data.position).any(axis=1)
     same = np.all(data.position[1:] == data.position[:-1], axis=1)
     moved = np.any(data.q[1:] != data.q[:-1], axis=1)
     still = np.append(False, seen[1:] & same & moved)
@@ -228,8 +229,10 @@ def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
             f"Command and reading are those of an earlier row to the last digit ({_lines(data, copied)}): copies are "
             "no measurements, and make the noise look smaller than it is; remove them.",
         )  # fmt: skip
-    for what, column, low, high, unit in (("position", 0, 1e-7, 1e-3, "m"), ("rotation", 3, 1e-7, 2e-2, "rad")):
-        sigma = data.sigma[data.mask[:, column], column]
+    for what, axes, low, high, unit in (
+        ("position", slice(0, 3), 1e-7, 1e-3, "m"), ("rotation", slice(3, 6), 1e-7, 2e-2, "rad"),
+    ):  # fmt: skip
+        sigma = data.sigma[:, axes][data.mask[:, axes]]
         if len(sigma) and not (low <= np.median(sigma) <= high):
             yield Finding("warning", "odd_sigma", f"σ of {what} is {np.median(sigma):.1e} {unit}: is its unit right?")
     for c in TEMPERATURES:
@@ -246,7 +249,7 @@ def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
     if plate > 0 and data.payload.max() > 50 * plate:
         heavy = f"A payload of {data.payload.max():g} kg on a plate of {plate:g} kg: is it in g?"
         yield Finding("warning", "odd_payload", heavy)
-    turned = data.mask[:, 3]
+    turned = data.turned
     if data.frame == "base" and turned.any() and not {3, 4} & set(robot.mechanism.task):
         tilt = np.arccos(np.clip(data.rotation[turned, 2, 2], -1, 1)).max()
         if tilt > robot.mechanism.max_tilt:
@@ -256,7 +259,7 @@ def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
 
 def rotations(data: Measurements) -> Iterator[Finding]:
     """How rx, ry and rz are read, and whether Euler angles would be something else."""
-    turned = data.mask[:, 3]
+    turned = data.turned
     if data.written is None or data.written.shape[1] != 3 or not turned.any():
         return
     vector, R = data.written[turned], data.rotation[turned]
@@ -314,7 +317,7 @@ def clock(data: Measurements) -> Iterator[Finding]:
 
 def copies(data: Measurements) -> np.ndarray:
     """(N,) bool, rows whose command, tool and complete position, and rotation if there is one, an earlier row has."""
-    whole = np.flatnonzero(data.mask[:, :3].all(axis=1))
+    whole = np.flatnonzero(~np.isnan(data.position).any(axis=1))
     turn = np.nan_to_num(data.rotation[whole].reshape(-1, 9))
     content = np.hstack([data.q[whole], data.tool[whole], data.payload[whole, None], data.position[whole], turn])
     _, first = np.unique(content, axis=0, return_index=True)

@@ -63,9 +63,15 @@ def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
     return Inspection(facts, tuple(sorted(found, key=lambda f: order.index(f.level))))
 
 
+def _median(data: Measurements, axes: slice) -> float:
+    """Median σ of what is read; of what would be, where nothing is."""
+    seen = data.mask[:, axes]
+    return float(np.median(data.sigma[:, axes][seen] if seen.any() else data.sigma[:, axes]))
+
+
 def _facts(data: Measurements, robot: Robot | None, noise: Noise, nominal: Nominal | None) -> dict[str, Any]:
-    place = data.mask[:, :3]
-    whole, some, turned = place.all(axis=1), place.any(axis=1), data.mask[:, 3]
+    place = ~np.isnan(data.position)
+    whole, some, turned = place.all(axis=1), place.any(axis=1), data.turned
     scale = np.rad2deg(1.0) if data.actuator_dimension == "angle" else 1e3
     joints = []
     for name, q in zip(data.actuators, data.q.T, strict=True):
@@ -80,6 +86,10 @@ def _facts(data: Measurements, robot: Robot | None, noise: Noise, nominal: Nomin
         for name, values in data.columns.items()
         if is_direction(name)
     }
+    sensors = [
+        {"sensor": sensor.name, "title": sensor.title, "to": to, "rows": len(rows)}
+        for sensor, to, rows in (data.readings.parts if data.readings is not None else [])
+    ]
     known = {"temp", *TEMPERATURES, "time", *directions}
     return {
         "file": data.source,
@@ -92,8 +102,9 @@ def _facts(data: Measurements, robot: Robot | None, noise: Noise, nominal: Nomin
             "full_pose": int(np.sum(whole & turned)),
             "position_only": int(np.sum(whole & ~turned)),
             "partial": int(np.sum(~whole & (some | turned))),
-            "nothing": int(np.sum(~some & ~turned)),
+            "nothing": int(np.sum(~data.mask.any(axis=1))),
         },
+        "sensors": sensors,
         "readings": int(data.mask.sum()),
         "joints": joints,
         "position_mm": {
@@ -110,8 +121,8 @@ def _facts(data: Measurements, robot: Robot | None, noise: Noise, nominal: Nomin
             "stated": data.sigma_stated,
             "pos_stated": data.stated[0] if data.kinds[0] else None,
             "rot_stated": data.stated[1] if data.kinds[1] else None,
-            "pos_um": np.median(data.sigma[:, 0]) * 1e6,
-            "rot_urad": np.median(data.sigma[:, 3]) * 1e6,
+            "pos_um": _median(data, slice(0, 3)) * 1e6,
+            "rot_urad": _median(data, slice(3, 6)) * 1e6,
         },
         "replicates": {
             "groups": noise.groups, "rows": noise.rows, "verified": verified(noise),

@@ -13,6 +13,7 @@ from pcalib.mechanics.kinematics import RIGID, Deviation
 from pcalib.mechanics.mechanism import Pose
 from pcalib.posterior import Posterior
 from pcalib.robot import Robot
+from pcalib.sensors.base import Block
 from pcalib.unexplained import Unexplained
 
 
@@ -54,6 +55,8 @@ class Conditions:
     """(N,) [kg]."""
     columns: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Further columns of the data, (N,) each [SI], by name without unit."""
+    targeted: np.ndarray | None = None
+    """(N,) bool, where the tracker's target is measured, whose offset counts; None: everywhere."""
 
     @classmethod
     def of(cls, n: int, tool: np.ndarray | Sequence[float] | float = 0.0) -> Conditions:
@@ -62,7 +65,14 @@ class Conditions:
 
     def take(self, rows: np.ndarray | slice) -> Conditions:
         """The conditions of some rows."""
-        return Conditions(self.tool[rows], self.payload[rows], {c: v[rows] for c, v in self.columns.items()})
+        targeted = None if self.targeted is None else self.targeted[rows]
+        return Conditions(self.tool[rows], self.payload[rows], {c: v[rows] for c, v in self.columns.items()}, targeted)
+
+    def point(self, frame: Frame) -> np.ndarray:
+        """(N, 3) [m] the measured points in the plate frame, the target's offset included."""
+        if self.targeted is None:
+            return self.tool + frame.offset
+        return self.tool + self.targeted[:, None] * frame.offset
 
 
 METHODS = ("map", "base", "linear")
@@ -110,6 +120,8 @@ class Model:
     """One entry per step (fit, add, drop), oldest first, each with what is needed to go back to it."""
     uncertainty: Unexplained | None = None
     """What the fit left unexplained, and the conditions that were measured; None where it is not known."""
+    setup: tuple[Block, ...] = ()
+    """What is unknown of the sensors that measured: stations, surfaces, zeros."""
 
     @classmethod
     def nominal(cls, robot: Robot) -> Model:
@@ -126,7 +138,7 @@ class Model:
         if self.time_origin and "time" in columns:  # a clock may read seconds of the day, or since 1970
             columns = {**columns, "time": columns["time"] - self.time_origin}
         if self.frame is not None:
-            position = pose.tcp(conditions.tool + self.frame.offset) @ self.frame.rotation.T + self.frame.translation
+            position = pose.tcp(conditions.point(self.frame)) @ self.frame.rotation.T + self.frame.translation
         return Situation.at(
             self.robot, self.k, q, pose, conditions.tool, conditions.payload, columns, deviation=deviation,
             position=position, partners=[(f.effect, f.theta) for f in self.effects],

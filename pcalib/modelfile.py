@@ -20,6 +20,7 @@ from pcalib.errors import EffectError, InputError, unknown
 from pcalib.mechanics.mechanism import Level, Mechanism
 from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Frame, Model
 from pcalib.posterior import Posterior
+from pcalib.sensors.base import Block
 from pcalib.settings import ABSENT, Setting, is_number, read
 from pcalib.unexplained import Unexplained
 
@@ -73,6 +74,8 @@ def dumps(model: Model, statistics: Mapping[str, Any] | None = None) -> str:
     table["effects"] = [_effect_table(f) for f in model.effects]
     if model.frame is not None:
         table["frame"] = _frame_table(model.frame)
+    if model.setup:
+        table["setup"] = _setup_table(model.setup)
     table["parameters"] = {}
     mechanism = model.robot.mechanism
     for i, (name, unit) in enumerate(zip(mechanism.parameters, mechanism.units, strict=True)):
@@ -142,6 +145,7 @@ def _from_table(table: Mapping[str, Any], effect_files: list[str]) -> Model:
     times = {key: value for key, value in table.items() if key == "time_origin_s"}
     origin = read(times, (Setting("time_origin", "time", ABSENT),), "model").get("time_origin")
     made = Model(described, k, level, effects, frame, known, None, options, origin, _history(table))
+    made = replace(made, setup=_setup_from(table))
     if "posterior" not in table:  # files of earlier versions have none
         return made
     made = replace(made, posterior=Posterior.from_table(_table(table, "posterior"), made.unknowns))
@@ -173,6 +177,8 @@ def snapshot(model: Model, action: str, **figures: Any) -> dict[str, Any]:
     entry["effects"] = [_effect_table(f) for f in model.effects]
     if model.frame is not None:
         entry["frame"] = _frame_table(model.frame)
+    if model.setup:
+        entry["setup"] = _setup_table(model.setup)
     return _plain(entry)
 
 
@@ -185,6 +191,7 @@ def restore(model: Model, entry: Mapping[str, Any], effect_files: Sequence[str] 
         level=level,
         effects=tuple(_effect_from(e, model.robot, list(effect_files)) for e in _tables(entry, "effects")),
         frame=_frame_from(_table(entry, "frame")) if "frame" in entry else None,
+        setup=_setup_from(entry),
         options=_options_from(entry, model.robot.mechanism.levels[level]),
         sigma=None,
         posterior=None,
@@ -288,6 +295,34 @@ def _frame_from(table: Mapping[str, Any]) -> Frame:
     said = read(table, (*_FRAME, _TURN), "frame")
     turn = rotation.exp(said["target_turn"]) if "target_turn" in said else None
     return Frame(rotation.exp(said["rotation"]), said["translation"], said["target_offset"], turn)
+
+
+def _setup_table(setup: Sequence[Block]) -> dict[str, Any]:
+    """Every block by its name, with values in mm and degrees."""
+    out = {}
+    for block in setup:
+        named = [edge(p, unit) for p, unit in zip(block.parameters, block.units, strict=True)]
+        out[block.name] = {
+            label: float(value / factor) for (label, factor), value in zip(named, block.theta, strict=True)
+        }
+    return out
+
+
+def _setup_from(table: Mapping[str, Any]) -> tuple[Block, ...]:
+    """The blocks of a [setup]; a fit gives them their priors anew, as the sensors of its data have them."""
+    out = []
+    for name, values in (_table(table, "setup") if "setup" in table else {}).items():
+        if not isinstance(values, Mapping):
+            raise InputError(f"setup.{name} is no table")
+        split = [units.split(key) for key in values]
+        for key, (_, unit) in zip(values, split, strict=True):
+            if unit is None or unit.dimension not in ("length", "angle") or not is_number(values[key]):
+                raise InputError(f"setup.{name}.{key} is no length or angle", remedy="e.g. x_mm = 12.5")
+        factors = [unit.factor for _, unit in split if unit]
+        theta = np.array([float(value) for value in values.values()]) * factors
+        kinds = tuple("m" if unit.dimension == "length" else "rad" for _, unit in split if unit)
+        out.append(Block(name, tuple(p for p, _ in split), kinds, np.full(len(theta), np.inf), theta))
+    return tuple(out)
 
 
 def _level(table: Mapping[str, Any], mechanism: Mechanism) -> str:

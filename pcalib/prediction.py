@@ -21,6 +21,20 @@ from pcalib.model import Frame, Model
 
 
 @dataclass(frozen=True)
+class View:
+    """Rows that sensors read: how what they read follows from the pose of the measured point."""
+
+    rows: np.ndarray
+    """(n,) int, ascending."""
+    value: np.ndarray
+    """(n, 6) [m, rad] predicted readings in their places; 0 where there is none."""
+    by_twist: np.ndarray
+    """(n, 6, 6) derivatives by a motion (v, ω) of the plate about the measured point, base frame."""
+    own: np.ndarray
+    """(n, 6, p) derivatives by the unknowns of the set-up."""
+
+
+@dataclass(frozen=True)
 class Prediction:
     """Predicted readings of N poses and the state behind them."""
 
@@ -43,6 +57,8 @@ class Prediction:
     """The closure about the plate's origin, where kinematics left it."""
     unsettled: np.ndarray | None = None
     """(N,) bool: the loops close, but the load iteration does not converge; None if it converges everywhere."""
+    view: View | None = None
+    """What sensors read; None where all rows read poses. `position` and `rotation` are those of all rows."""
 
     @property
     def reached(self) -> np.ndarray:
@@ -110,14 +126,10 @@ def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | N
     """Readings that the model predicts for commands q (N, nq)."""
     solution, total, at = settle(model, q, conditions, start)
     frame = model.frame or Frame()
-    tool = conditions.tool + frame.offset
+    tool = conditions.point(frame)
     if total.tool is not None:
         tool = tool + total.tool
-    x, R = solution.pose.tcp(tool), solution.pose.R
-    if total.base is not None:
-        turn = rotation.exp(total.base[:, 3:])
-        x = (turn @ x[..., None])[..., 0] + total.base[:, :3]
-        R = turn @ R
+    x, R = _in_base(solution.pose, tool, total)
     if model.frame is not None:
         x = x @ frame.rotation.T + frame.translation
         R = frame.rotation @ R if frame.turn is None else frame.rotation @ R @ frame.turn
@@ -125,6 +137,19 @@ def predict(model: Model, q: np.ndarray, conditions: Conditions, start: Pose | N
         x = x + total.sensor
     unsettled = solution.unsettled if model.effects and not solution.ok.all() else None
     return Prediction(x, R, q, solution.pose, tool, total, solution.status, at, solution.at, unsettled)
+
+
+def _in_base(pose: Pose, tool: np.ndarray, total: Contribution) -> tuple[np.ndarray, np.ndarray]:
+    x, R = pose.tcp(tool), pose.R
+    if total.base is None:
+        return x, R
+    turn = rotation.exp(total.base[:, 3:])
+    return (turn @ x[..., None])[..., 0] + total.base[:, :3], turn @ R
+
+
+def in_base(p: Prediction) -> tuple[np.ndarray, np.ndarray]:
+    """The measured points (N, 3) [m] and plates (N, 3, 3) of a prediction in the base frame."""
+    return _in_base(p.pose, p.tool, p.contribution)
 
 
 def closure_of(model: Model, p: Prediction) -> tuple[Closure, np.ndarray]:
@@ -217,9 +242,10 @@ def effect_columns(
     twist = _twist(mechanism, -kinematics.invert(JX) @ df)
     twist = twist + np.stack([outer_twist(p.pose, p.tool, part, p.contribution.base) for part in parts], axis=-1)
     columns = _measured(model, p, twist)
+    posed = slice(None) if p.view is None else np.delete(np.arange(len(p.q)), p.view.rows)
     for j, part in enumerate(parts):
-        if part.sensor is not None:
-            columns[:, :3, j] += part.sensor
+        if part.sensor is not None:  # the tracker's own errors
+            columns[posed, :3, j] += part.sensor[posed]
     return columns
 
 
@@ -237,6 +263,25 @@ def frame_columns(model: Model, p: Prediction, offset: bool = True) -> np.ndarra
         J[:, :3, 6:9] = plate
         if turn is not None:
             J[:, 3:, 9:] = plate
+    if p.view is not None:
+        J[p.view.rows] = 0.0
+    return J
+
+
+def setup_columns(p: Prediction, n: int) -> np.ndarray:
+    """Derivative of the readings by the n unknowns of the sensors' set-up, (N, 6, n)."""
+    J = np.zeros((len(p.q), 6, n))
+    if p.view is not None:
+        J[p.view.rows] = p.view.own
+    return J
+
+
+def rigid(model: Model, p: Prediction) -> np.ndarray:
+    """Derivative of the readings by a motion of the measured body along and about the measuring frame's axes,
+    (N, 6, 6); of what sensors read, the base frame's."""
+    J = np.tile(np.eye(6), (len(p.q), 1, 1))
+    if p.view is not None:
+        J[p.view.rows] = p.view.by_twist
     return J
 
 
@@ -264,11 +309,15 @@ def _twist(mechanism: Mechanism, state: np.ndarray) -> np.ndarray:
 
 
 def _measured(model: Model, p: Prediction, twist: np.ndarray) -> np.ndarray:
-    """Twists at the measured point (N, 6, n), the robot's base frame → measuring frame."""
-    R = None if model.frame is None else model.frame.rotation
+    """Twists at the measured point (N, 6, n), the robot's base frame → what is read."""
     if p.contribution.base is not None:
-        turn = rotation.exp(p.contribution.base[:, 3:])
-        R = turn if R is None else R @ turn
-    if R is None:
-        return twist
+        twist = _turned(rotation.exp(p.contribution.base[:, 3:]), twist)
+    out = twist if model.frame is None else _turned(model.frame.rotation, twist)
+    if p.view is not None:
+        out = out.copy() if out is twist else out
+        out[p.view.rows] = p.view.by_twist @ twist[p.view.rows]
+    return out
+
+
+def _turned(R: np.ndarray, twist: np.ndarray) -> np.ndarray:
     return np.concatenate([R @ twist[:, :3], R @ twist[:, 3:]], axis=1)

@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = {
     "errors", "units", "files", "settings", "registry", "robot", "rotation",
-    "data.measurement", "data.instrument", "data.columns", "data.table", "data.plausibility",
+    "data.measurement", "data.instrument", "data.readings", "data.columns", "data.table", "data.plausibility",
 }  # fmt: skip
 """What the virtual robot may take from pcalib: descriptions, files with what is checked on reading, and rotations."""
 NOT_OF_A_ROBOT = {"actuation", "levels", "start", "plate_points", "plate_columns", "body", "hinges", "actuator"}

@@ -56,12 +56,23 @@ def _share(value: float) -> str:
     return f"{100 * value:.0f} %" if value == value else "–"
 
 
+def _sensed(found: list[dict[str, Any]]) -> list[str]:
+    """What sensors read, in words: '150 distances to stations (A × 50, B × 100)'."""
+    out = []
+    for title in dict.fromkeys(one["title"] for one in found):
+        mine = [one for one in found if one["title"] == title]
+        to = ", ".join(f"{one['to']} × {one['rows']}" for one in mine if one["to"])
+        out.append(f"{sum(one['rows'] for one in mine)} {title}" + (f" ({to})" if to else ""))
+    return out
+
+
 def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The facts of a file in words."""
     from pcalib import wording
 
     measured, noise, sigma = facts["measured"], facts["replicates"], facts["sigma"]
     kinds = [f"{n} {kind.replace('_', ' ')}" for kind, n in measured.items() if n]
+    kinds += _sensed(facts["sensors"])
     rows = [
         ("rows", f"{facts['rows']} ({facts['fit']} fit, {facts['check']} check)"),
         ("measured", f"{', '.join(kinds)}; {facts['readings']} readings"),

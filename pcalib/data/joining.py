@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pcalib.data.measurement import Measurements
+from pcalib.data.readings import Readings
 from pcalib.errors import InputError
 
 
@@ -54,4 +55,5 @@ def join(parts: Sequence[Measurements]) -> Measurements:
         notes={},
         correlation=None if independent else np.concatenate(correlation),
         instrument=first.instrument if all(each == told[0] for each in told) else None,
+        readings=Readings.joined([part.readings for part in parts], [len(part) for part in parts]),
     )

@@ -6,7 +6,7 @@ The form of the file is in docs/files.md; the same table is read from CSV and fr
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,10 +17,12 @@ from pcalib import rotation, units
 from pcalib.data import columns as cols
 from pcalib.data import instrument as instruments
 from pcalib.data import orientation, plausibility, spelling
+from pcalib.data import readings as sensed
 from pcalib.data import sigma as sigmas
 from pcalib.data import table as tables
 from pcalib.data.columns import Columns
 from pcalib.data.instrument import Instrument
+from pcalib.data.readings import Found, Readings
 from pcalib.data.sigma import DEFAULT_SIGMA_POS as DEFAULT_SIGMA_POS
 from pcalib.data.sigma import DEFAULT_SIGMA_ROT as DEFAULT_SIGMA_ROT
 from pcalib.data.table import Table
@@ -42,7 +44,8 @@ class Measurements:
     rotation: np.ndarray
     """(N, 3, 3), plate → measuring frame; NaN where not measured."""
     mask: np.ndarray
-    """(N, 6) bool, which of x y z rx ry rz is measured; rotation all or nothing."""
+    """(N, 6) bool, which of x y z rx ry rz is measured, rotation all or nothing; in rows of a sensor, which of three
+    lengths and three angles it reads."""
     tool: np.ndarray
     """(N, 3) [m], the measured point in the plate frame."""
     payload: np.ndarray
@@ -78,6 +81,8 @@ class Measurements:
     written: np.ndarray | None = None
     """(N, 3) [rad] or (N, 4) the numbers of rx ry rz or qw qx qy qz as the file has them, so that another reading of
     them can be tried; None where there are none, or where the rotations were made in memory."""
+    readings: Readings | None = None
+    """What rows read that read no pose; their position and rotation are NaN. None where all rows read poses."""
 
     def __len__(self) -> int:
         return len(self.q)
@@ -114,6 +119,8 @@ class Measurements:
         instrument: Instrument | None = None,
         frame: str = "base",
         source: str = "measurements",
+        readings: Readings | None = None,
+        sigma_readings: ArrayLike | None = None,
     ) -> Measurements:
         """Measurements made in memory; everything but `q` and `position` may be left out.
 
@@ -124,6 +131,8 @@ class Measurements:
             tool: (3,) or (N, 3) [m]; payload: number or (N,) [kg].
             sigma_pos: [m], sigma_rot: [rad], numbers or (N,); None: not stated.
             instrument: noise of a tracker or of reflectors, which adds to these.
+            readings: of sensors that read no pose, in rows whose position and rotation are NaN.
+            sigma_readings: [m, rad] of these, a number or (N,) or (N, 6); None: as usual for each, not stated.
         """
         q, position = np.array(q, float), np.array(position, float)
         n = len(q)
@@ -133,6 +142,18 @@ class Measurements:
         mask = _mask(position, turn)
         tool = np.array(np.broadcast_to(0.0 if tool is None else tool, (n, 3)), float)
         sigma, correlation, stated = sigmas.complete(position, turn, tool, sigma_pos, sigma_rot, instrument)
+        if readings is not None:
+            given = ~np.isnan(readings.value)
+            own = None if sigma_readings is None else np.array(sigma_readings, float)
+            own = own[:, None] if own is not None and own.ndim == 1 else own
+            for sensor, _, rows in readings.parts:
+                sigma[rows] = sensor.usual_sigma if own is None else np.broadcast_to(own, (n, 6))[rows]
+            told = own is not None
+            stated = tuple(
+                (was or not mask[:, part].any()) and (told or not given[:, part].any())
+                for was, part in zip(stated, (slice(0, 3), slice(3, 6)), strict=True)
+            )
+            mask = mask | given
         return cls(
             q, position, turn, mask, tool=tool,
             payload=np.array(np.broadcast_to(payload, n), float),
@@ -141,7 +162,7 @@ class Measurements:
             check=np.zeros(n, bool) if check is None else np.array(check, bool),
             sigma=sigma, stated=stated, lines=np.arange(1, n + 1), frame=frame, robot_name=robot.name,
             actuators=robot.mechanism.actuators, actuator_dimension=robot.mechanism.actuator_dimension, source=source,
-            correlation=correlation, instrument=instrument,
+            correlation=correlation, instrument=instrument, readings=readings,
         )  # fmt: skip
 
     def take(self, rows: np.ndarray | slice) -> Measurements:
@@ -154,7 +175,28 @@ class Measurements:
             notes={name: values[rows] for name, values in self.notes.items()},
             correlation=None if self.correlation is None else self.correlation[rows],
             written=None if self.written is None else self.written[rows],
+            readings=None if self.readings is None else self.readings.take(rows),
         )
+
+    @property
+    def turned(self) -> np.ndarray:
+        """(N,) bool, rows with a measured rotation."""
+        return ~np.isnan(self.rotation[:, 0, 0])
+
+    @property
+    def values(self) -> np.ndarray:
+        """(N, 6) [m, rad] all that is read: positions, rotation vectors, and what sensors read; NaN elsewhere."""
+        out = np.full(self.mask.shape, np.nan)
+        out[:, :3] = self.position
+        out[self.turned, 3:] = rotation.log(self.rotation[self.turned])
+        return out if self.readings is None else np.where(np.isnan(self.readings.value), out, self.readings.value)
+
+    def beside(self, other: Measurements) -> np.ndarray:
+        """(N, 6) [m, rad] by how much the readings differ from those of N other rows; NaN where one of them is."""
+        out = self.values - other.values
+        both = self.turned & other.turned
+        out[both, 3:] = rotation.log(self.rotation[both] @ rotation.transposed(other.rotation[both]))
+        return out
 
     @property
     def covariance(self) -> np.ndarray | None:
@@ -196,20 +238,24 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     """
     table = spelling.read(path)
     names, dimension = cols.actuators(table, robot)
-    plain = (*orientation.QUATERNION, *(f"dir{i + 1}" for i in range(len(names))), "pose_id", "set")
-    wanted = dict.fromkeys(names, dimension) | cols.POSITION | cols.ROTATION | cols.CONDITIONS | sigmas.KEYS
-    columns = cols.assign(table, wanted, plain, len(names))
+    plain = (*orientation.QUATERNION, *(f"dir{i + 1}" for i in range(len(names))), "pose_id", "set", *sensed.targets())
+    keys = sigmas.KEYS | sensed.sigma_keys()
+    wanted = dict.fromkeys(names, dimension) | cols.POSITION | cols.ROTATION | cols.CONDITIONS
+    columns = cols.assign(table, wanted | keys | sensed.quantities(), plain, len(names))
     cols.require(columns, dict.fromkeys(names, dimension), "it holds the commanded actuator values")
-    said = cols.metadata(table, sigmas.KEYS, ("frame", "robot", "euler"), {**instruments.KEYS, "date": "date"})
+    options = sensed.options(table)
+    others = instruments.KEYS | {"date": "date"} | dict.fromkeys(options, "surface_A")
+    said = cols.metadata(table, keys, ("frame", "robot", "euler"), others)
     frame = said.get("frame", "base")
     if frame not in FRAMES:
         raise InputError(
             f"frame '{frame}' is unknown", file=table.source, line=table.metadata_lines.get("frame"),
             remedy=f"accepted: {', '.join(FRAMES)}",
         )
+    found = sensed.find(columns, said)
 
     q = columns.matrix(names)
-    position = _position(columns, robot)
+    position = _position(columns, robot, optional=bool(found))
     turn, written = orientation.read(columns, robot, said.get("euler"))
     mask = _mask(position, turn)
     tool = cols.tool(columns)
@@ -225,12 +271,46 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
         if frame == "base":
             turned = np.where(np.isnan(turn), np.eye(3), turn)
             plausibility.positions(columns, robot, position - (turned @ point[..., None])[..., 0])
-    return Measurements(
+    data = Measurements(
         q, position, turn, mask,
         tool=point, payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
         sigma=sigma, stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
         correlation=correlation, instrument=instrument, date=_date(table), written=written,
+    )  # fmt: skip
+    return _with_readings(data, found, options, {key: table.metadata[key] for key in options}) if found else data
+
+
+def _with_readings(
+    data: Measurements, found: Sequence[Found], options: Mapping[str, object], written: Mapping[str, str]
+) -> Measurements:
+    """The data with a row of its own for what each sensor reads, after that of the pose if one is read beside it."""
+    seen = np.unique(np.concatenate([part.row for part in found]))
+    poses = np.flatnonzero(data.mask.any(axis=1) | ~np.isin(np.arange(len(data)), seen))
+    source = np.concatenate([poses, *(part.row for part in found)])
+    order = np.argsort(source, kind="stable")
+    empty = sensed.nothing(len(poses))
+    name = np.concatenate([empty.sensor, *(np.full(len(part.row), part.sensor.name, object) for part in found)])
+    to = np.concatenate([empty.to, *(part.to for part in found)])
+    value = np.concatenate([empty.value, *(part.value for part in found)])
+    all_read = Readings(name[order], to[order], value[order], options, written)
+    out = data.take(source[order])
+    own = np.isin(np.arange(len(source)), np.arange(len(poses)), invert=True)[order]
+    sigma = np.concatenate([data.sigma[poses], *(np.repeat(part.sigma[:, None], 6, axis=1) for part in found)])[order]
+    lengths, angles = (
+        (data.stated[c] or not data.kinds[c])
+        and all(part.stated or np.isnan(part.value[:, axes]).all() for part in found)
+        for c, axes in enumerate((slice(0, 3), slice(3, 6)))
+    )
+    correlation = out.correlation
+    if correlation is not None:
+        correlation = np.where(own[:, None, None], np.eye(6), correlation)
+    blank = own[:, None]
+    return replace(
+        out, position=np.where(blank, np.nan, out.position), rotation=np.where(blank[..., None], np.nan, out.rotation),
+        mask=np.where(blank, ~np.isnan(all_read.value), out.mask), sigma=sigma, correlation=correlation,
+        stated=(bool(lengths), bool(angles)), readings=all_read,
+        written=None if out.written is None else np.where(blank, np.nan, out.written),
     )  # fmt: skip
 
 
@@ -268,9 +348,11 @@ def save(path: str | Path, data: Measurements) -> None:
 
     for name, values in zip(data.actuators, data.q.T, strict=True):
         put(name, data.actuator_dimension, values)
-    for i, name in enumerate(cols.POSITION):
-        put(name, "length", np.where(data.mask[:, i], data.position[:, i], np.nan))
-    turned = data.mask[:, 3]
+    posed = np.ones(n, bool) if data.readings is None else data.readings.sensor == sensed.POSE
+    if data.readings is None or data.mask[posed].any():
+        for i, name in enumerate(cols.POSITION):
+            put(name, "length", np.where(data.mask[:, i], data.position[:, i], np.nan))
+    turned = data.turned
     if turned.any():
         vector = np.full((n, 3), np.nan)
         vector[turned] = rotation.log(data.rotation[turned])
@@ -300,8 +382,11 @@ def save(path: str | Path, data: Measurements) -> None:
     if data.instrument is not None:
         head |= data.instrument.metadata(data.frame)
     sigma = sigmas.beside(data.sigma, data.instrument, data.position, data.rotation, data.tool)
+    if data.readings is not None:
+        out |= sensed.to_write(data.readings, data.sigma, data.stated)
+        head |= data.readings.written
     for key, stated in zip(sigmas.KEYS, data.stated, strict=True):
-        found = sigmas.to_write(data.mask, sigma, key) if stated else None
+        found = sigmas.to_write(data.mask & posed[:, None], sigma, key) if stated else None
         if found is not None and isinstance(found[1], np.ndarray):
             out[found[0]] = found[1]
         elif found is not None:
@@ -314,11 +399,12 @@ def _mask(position: np.ndarray, turn: np.ndarray) -> np.ndarray:
     return np.concatenate([~np.isnan(position), np.repeat(turned[:, None], 3, axis=1)], axis=1)
 
 
-def _position(columns: Columns, robot: Robot | None) -> np.ndarray:
-    """(N, 3) [m]; a column may be absent only where the plate cannot move that way."""
+def _position(columns: Columns, robot: Robot | None, optional: bool = False) -> np.ndarray:
+    """(N, 3) [m]; a column may be absent only where the plate cannot move that way, or all where they are optional."""
     free = (0, 1, 2) if robot is None else robot.mechanism.plate_dofs
     needed = {name: "length" for i, name in enumerate(cols.POSITION) if i in free}
-    cols.require(columns, needed, "it holds the measured position, blank where not measured")
+    if not optional or any(name in columns for name in cols.POSITION):
+        cols.require(columns, needed, "it holds the measured position, blank where not measured")
     nothing = np.full(len(columns.table), np.nan)
     return np.stack([columns.si(c, blank=True) if c in columns else nothing for c in cols.POSITION], axis=1)
 

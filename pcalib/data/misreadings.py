@@ -84,7 +84,7 @@ def table(data: Measurements, robot: Robot) -> list[Misreading]:
         words = ", ".join(said) if len(said) < 4 else f"the columns {all_q} are those of drives {names}"
         out.append(commands("command_order", words, f"name the columns in the order {names}", *_columns(order)))
     out += _positions(data)
-    if data.mask[:, 3].any():
+    if data.turned.any():
         out += _rotations(data)
     if data.tool.any():
         out += _tools(data)
@@ -216,7 +216,7 @@ def turns(code: str, words: str, edit: str, mend: Callable, spoil: Callable, str
 
     def change(f: Callable[[np.ndarray], np.ndarray]) -> Change:
         def apply(data: Measurements, robot: Robot) -> Case:
-            R, given = data.rotation.copy(), data.mask[:, 3]
+            R, given = data.rotation.copy(), data.turned
             R[given] = f(R[given])
             return replace(data, rotation=R, written=None), robot
 
@@ -264,7 +264,7 @@ def quaternions(code: str, words: str, edit: str, order: Sequence[int]) -> Misre
     def change(order: Sequence[int]) -> Change:
         def apply(data: Measurements, robot: Robot) -> Case:
             four = data.written
-            given = data.mask[:, 3]
+            given = data.turned
             if four is None or four.shape[1] != 4:
                 four = np.full((len(data), 4), np.nan)
                 four[given] = rotation.to_quaternion(data.rotation[given])
@@ -288,7 +288,7 @@ def tools(code: str, words: str, edit: str, mend: Callable, spoil: Callable) -> 
 
 def _written(f: Callable[[np.ndarray], np.ndarray]) -> Change:
     def apply(data: Measurements, robot: Robot) -> Case:
-        R, given = data.rotation.copy(), data.mask[:, 3]
+        R, given = data.rotation.copy(), data.turned
         vector = np.full((len(data), 3), np.nan)
         read = data.written if data.written is not None and data.written.shape[1] == 3 else None
         vector[given] = f(rotation.log(R[given]) if read is None else read[given])

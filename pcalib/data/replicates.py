@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pcalib import rotation
 from pcalib.data.columns import TEMPERATURES
 from pcalib.data.measurement import Measurements
 
@@ -36,10 +35,13 @@ class Noise:
 def groups(data: Measurements) -> np.ndarray:
     """(N,) int, number of the replicate group of each row; −1 where a row is no replicate.
 
-    Rows of one `pose_id` are replicates only where command, payload, tool, direction and temperature agree.
+    Rows of one `pose_id` are replicates only where command, payload, tool, direction and temperature agree, and one
+    sensor read them.
     """
     n = len(data)
-    exact = [data.pose_id, *(data.columns[c] for c in sorted(data.columns) if c.startswith("dir") and c[3:].isdigit())]
+    read = () if data.readings is None else (data.readings.sensor, data.readings.to)
+    directions = (data.columns[c] for c in sorted(data.columns) if c.startswith("dir") and c[3:].isdigit())
+    exact = [data.pose_id, *read, *directions]
     near = [(values, COMMAND_AGREES) for values in (*data.q.T, *data.tool.T)] + [(data.payload, 1e-6)]
     near += [(data.columns[c], TEMPERATURE_AGREES) for c in TEMPERATURES if c in data.columns]
     keys = list(zip(*(values.tolist() for values in exact), strict=True))
@@ -75,12 +77,10 @@ def noise(data: Measurements) -> Noise:
 
     first = np.zeros(count, int)
     first[group[::-1]] = np.arange(len(group))[::-1]
-    turn = np.full((len(sub), 3), np.nan)
-    both = sub.mask[:, 3] & sub.mask[first[group], 3]
-    turn[both] = rotation.log(sub.rotation[both] @ np.swapaxes(sub.rotation[first[group][both]], -1, -2))
+    apart = sub.beside(sub.take(first[group]))
 
-    pos, dof_pos, ratio_pos = _pooled(sub.position, sub.sigma[:, :3], group, count)
-    rot, dof_rot, ratio_rot = _pooled(turn, sub.sigma[:, 3:], group, count)
+    pos, dof_pos, ratio_pos = _pooled(apart[:, :3], sub.sigma[:, :3], group, count)
+    rot, dof_rot, ratio_rot = _pooled(apart[:, 3:], sub.sigma[:, 3:], group, count)
     return Noise(pos, rot, dof_pos, dof_rot, ratio_pos, ratio_rot, count, len(rows))
 
 

@@ -17,7 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib import planning, prediction
+from pcalib.data import readings as sensed
 from pcalib.data.measurement import Measurements
+from pcalib.data.readings import Readings
 from pcalib.diagnosis.hypothesis import Hypothesis, Kind, resolve
 from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.problem import Problem, problem, spread, unknowns_for
@@ -72,6 +74,8 @@ class Plan:
     """(n,) s after each further row."""
     more_of_the_same: float
     """s after n further rows under conditions like those of the data."""
+    readings: Readings | None = None
+    """What each row is read with; None where all rows read poses."""
 
     @property
     def enough(self) -> int | None:
@@ -179,12 +183,13 @@ def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None
     data = made.data
     needs = {need for rival in rivals for e in rival for need in e.needs}
     known = _neutral(linearisation.conditions_of(data), needs)
-    old = _rows(made, rivals, unknowns, data.q, known, lambda _, columns: made.in_noise_units(columns))
+    old = _rows(made, rivals, unknowns, data.q, known, lambda _, columns: made.in_noise_units(columns), data.readings)
     theta = [_size(made, old, side, held(rivals)) for side in range(2)]
     start = [_Discrepancy.start(old, theta[side], side) for side in range(2) if rivals[side]]
 
-    q, conditions = _candidates(made, rivals, options, rng)
-    new = _rows(made, rivals, unknowns, q, conditions, measure.whitened)
+    q, conditions, like = _candidates(made, rivals, options, rng)
+    read = None if data.readings is None else data.readings.take(like)
+    new = _rows(made, rivals, unknowns, q, conditions, measure.like(data, like).whitened, read)
     usable = new.ok.copy()
     states, chosen, after = start, [], []
     for _ in range(min(n, int(usable.sum()))):
@@ -196,7 +201,9 @@ def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None
         states = [d.added(new, pick) for d in states]
         after.append(min(d.value for d in states))
 
-    similar = _rows(made, rivals, unknowns, *_similar(made, known, n, rng), measure.whitened)
+    q_same, known_same, like = _similar(made, known, n, rng)
+    again = None if data.readings is None else data.readings.take(like)
+    similar = _rows(made, rivals, unknowns, q_same, known_same, measure.like(data, like).whitened, again)
     same = start
     for row in np.flatnonzero(similar.ok):
         same = [d.added(similar, int(row)) for d in same]
@@ -208,6 +215,7 @@ def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None
         before=float(np.sqrt(min(d.value for d in start))),
         after=np.sqrt(np.array(after)),
         more_of_the_same=float(np.sqrt(min(d.value for d in same))),
+        readings=None if read is None else read.take(np.array(chosen)),
     )
 
 
@@ -225,10 +233,10 @@ class _Rows:
 
 @dataclass(frozen=True)
 class _Instrument:
-    """What a further row would measure, and how well."""
+    """What further rows would measure, and how well."""
 
     sigma: np.ndarray
-    """(6,) [m, rad]; inf where a component is not measured."""
+    """(1, 6) of all rows or (N, 6) [m, rad]; inf where a component is not measured."""
     sigma_q: float
     """[rad or m] joint repeatability."""
     lever: float
@@ -241,12 +249,20 @@ class _Instrument:
         share = np.mean(data.mask, axis=0)
         usual = share > min(0.5, 0.9 * share.max())
         typical = [float(np.median(data.sigma[data.mask[:, c], c])) if usual[c] else np.inf for c in range(6)]
-        return cls(np.array(typical) * ratio, made.noise.sigma_q, made.noise.lever)
+        return cls((np.array(typical) * ratio)[None], made.noise.sigma_q, made.noise.lever)
+
+    def like(self, data: Measurements, rows: np.ndarray) -> _Instrument:
+        """The instrument of rows that are read as some rows (n,) of the data are, where sensors read them."""
+        if data.readings is None:
+            return self
+        typical = np.where(np.isfinite(self.sigma), self.sigma, np.nan)
+        stated = np.where(data.mask[rows], data.sigma[rows], np.inf)
+        return replace(self, sigma=np.where(np.isfinite(stated), np.where(np.isnan(typical), stated, typical), np.inf))
 
     def whitened(self, point: Point, columns: np.ndarray) -> np.ndarray:
         """Columns (N, 6, p) [m, rad] in noise units; zero where nothing is measured."""
         seen = np.isfinite(self.sigma)
-        per = np.where(seen, 1.0 / self.sigma, 0.0)[:, None]
+        per = np.where(seen, 1.0 / self.sigma, 0.0)[..., None]
         further = []
         if self.sigma_q:
             further.append(self.sigma_q * per * point.response().actuator)
@@ -265,10 +281,11 @@ def _rows(
     q: np.ndarray,
     conditions: Conditions,
     whitened: Callable[[Point, np.ndarray], np.ndarray],
+    readings: Readings | None,
 ) -> _Rows:
-    """Rows at commands q (N, nq), in units of the noise that `whitened` counts with."""
+    """Rows at commands q (N, nq), in units of the noise that `whitened` counts with, read as `readings` are."""
     model = made.model
-    p = prediction.predict(model, q, conditions)
+    p = linearisation.viewed(model, prediction.predict(model, q, conditions), readings)
     point = Point.of(model, p, conditions)
     known = held(rivals)
     basis = model.robot.mechanism.levels[model.level].basis if known else unknowns.basis
@@ -282,6 +299,9 @@ def _rows(
         frame = prediction.frame_columns(model, p)
         parts.append(frame)
         scale = np.r_[scale, np.ones(frame.shape[-1])] if known else scale
+    if unknowns.n_setup:
+        parts.append(prediction.setup_columns(p, unknowns.n_setup))
+        scale = np.r_[scale, unknowns.scale[-unknowns.n_setup :]] if known else scale
     parts = [np.concatenate(parts, axis=-1) * scale]
     for rival in rivals:
         columns = [h.columns(point) * h.scale(model) for h in rival]
@@ -342,8 +362,9 @@ class _Discrepancy:
 
 def _candidates(
     made: Problem, rivals: Sequence[Rival], options: Options, rng: np.random.Generator
-) -> tuple[np.ndarray, Conditions]:
-    """Reachable poses under all sorts of conditions that the rivals answer to."""
+) -> tuple[np.ndarray, Conditions, np.ndarray]:
+    """Reachable poses under all sorts of conditions that the rivals answer to, and the rows of the data that each is
+    like otherwise."""
     data, n = made.data, options.candidates
     wants = {want for rival in rivals for e in rival for want in e.wants}
     needs = {need for rival in rivals for e in rival for need in e.needs}
@@ -365,12 +386,17 @@ def _candidates(
     if "time" in columns or "time" in needs:
         last = float(np.max(data.columns["time"])) if "time" in data.columns else 0.0
         columns["time"] = last + (rng.choice([0.0, LATER, 2 * LATER], n) if "time" in needs else np.zeros(n))
-    return q, Conditions(tools[rng.integers(0, len(tools), n)], rng.choice(np.asarray(payloads, float), n), columns)
+    made_up = Conditions(tools[rng.integers(0, len(tools), n)], rng.choice(np.asarray(payloads, float), n), columns)
+    return q, made_up, like
 
 
-def _similar(made: Problem, known: Conditions, n: int, rng: np.random.Generator) -> tuple[np.ndarray, Conditions]:
-    """Other poses under conditions drawn from those of the data."""
-    return reachable(made.model.robot, n, rng).q, known.take(rng.integers(0, len(made.data), n))
+def _similar(
+    made: Problem, known: Conditions, n: int, rng: np.random.Generator
+) -> tuple[np.ndarray, Conditions, np.ndarray]:
+    """Other poses under conditions drawn from those of the data, and the rows from which they are."""
+    q = reachable(made.model.robot, n, rng).q
+    like = rng.integers(0, len(made.data), n)
+    return q, known.take(like), like
 
 
 def _neutral(conditions: Conditions, needs: set[str]) -> Conditions:
@@ -393,6 +419,9 @@ def _neutral(conditions: Conditions, needs: set[str]) -> Conditions:
     return replace(conditions, columns=columns)
 
 
-def table(robot: Robot, found: Plan) -> dict[str, np.ndarray]:
+def table(robot: Robot, found: Plan) -> dict[str, np.ndarray | list[str]]:
     """The columns of a plan as a file names them, with the place where the model expects the measured point."""
-    return planning.table(robot, found.q, found.conditions, found.position)
+    out: dict[str, np.ndarray | list[str]] = dict(planning.table(robot, found.q, found.conditions, found.position))
+    if found.readings is not None:
+        out |= sensed.to_measure(found.readings)
+    return out

@@ -148,7 +148,7 @@ def patterns(point: Point, budget: int, total: int, seen: np.ndarray | None = No
         budget: largest number of columns of one cell.
         total: largest number of columns of all. Every cell is there at degree 1 as long as there is room, the first
             before the last; what room is left then raises their degrees up to 4, by turns and in the same order.
-        seen: (6,) bool, which of x y z rx ry rz is measured at all; all where absent.
+        seen: (6,) bool, which motions of the measured body show at all; all where absent.
     """
     sliding = point.situation.robot.mechanism.actuator_dimension == "length"
     cells = list(_cells(point, point.response(), np.ones(6, bool) if seen is None else seen))
@@ -219,7 +219,7 @@ def _cells(point: Point, response: Response, seen: np.ndarray) -> Iterator:
         lambda degree: _each(rods, lambda r: legendre(_load(at.tension[:, r]), 1, max(1, degree - 1))),
     )
     yield "rod", "sign of the rod force", lambda degree: _each(rods, lambda r: _sides(at.tension[:, r]))
-    body = np.broadcast_to(np.eye(6)[:, seen], (len(at), 6, int(seen.sum())))
+    body = point.rigid()[:, :, seen]
     place = point.prediction.pose.x
     yield "body", "place", lambda degree: _each(body, lambda i: _place(place, 2 if degree > 2 else 1))
     if np.any(direction):

@@ -58,6 +58,10 @@ class Point:
         arm = self.lever()
         return np.concatenate([-rotation.hat(arm), np.broadcast_to(np.eye(3), (len(arm), 3, 3))], axis=1)
 
+    def rigid(self) -> np.ndarray:
+        """(N, 6, 6) derivative of the readings by motions of the measured body along and about the axes."""
+        return prediction.rigid(self.model, self.prediction)
+
     def response(self) -> Response:
         """Unit responses of every actuator and rod."""
         N, nq = self.situation.q.shape

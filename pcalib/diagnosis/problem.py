@@ -279,13 +279,14 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
     found = [c for c in found if c.name not in without]
     # The patterns together leave half of what the data can say to judge the noise by, each a fair share to others.
     room = len(linear.residual) - int(np.linalg.matrix_rank(nuisance, NUISANCE))
-    seen = np.asarray(fit.mask.any(axis=0))
+    seen = np.any(np.abs(point.rigid()) * fit.mask[:, :, None] > 0, axis=(0, 1))
     cells = patterns(point, max(3, min(60, room // 6)), max(30, room // 2 - 20), seen)
     if point.situation.robot.mechanism.actuator_dimension == "angle" and not any(c.search.trials > 1 for c in found):
         # No effect that is searched for speaks for fast errors of the motors: the patterns have to.
         best, search = scanned(point, linear.residual, nuisance, whiten)[-1]
         cells.append(ripple(point, best.cycles[0], search))
-    cells += [broken(b, point) for b in breaks(point, linear.residual, nuisance, linear.row, seen, whiten)]
+    read = fit.mask.any(axis=0)
+    cells += [broken(b, point) for b in breaks(point, linear.residual, nuisance, linear.row, read, whiten)]
     eye = np.broadcast_to(np.eye(6), (len(fit), 6, 6))
     return Problem(
         model, fit, point, linear.residual, nuisance, linear.row, linear.component,
@@ -321,7 +322,8 @@ def _blocks_of(point: Point, data: Measurements, y: np.ndarray) -> Blocks:
     """
     stated = Noise.of(data)
     joint = stated.padded(point.response().actuator)
-    if data.correlation is not None or not all(data.kinds) or np.max(np.abs(point.lever()), initial=0.0) < SHORTEST:
+    poses = data.readings is None and data.correlation is None
+    if not poses or not all(data.kinds) or np.max(np.abs(point.lever()), initial=0.0) < SHORTEST:
         return Blocks(data.mask, y, joint)
     return Blocks(data.mask, y, joint, stated.padded(point.turn()))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import effects, prediction
+from pcalib import effects
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.candidates import require_seen
 from pcalib.diagnosis.held_out import FEWEST, Change, HeldOut
@@ -18,7 +18,7 @@ from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, unknown
 from pcalib.fitting import identification
 from pcalib.fitting.identification import Fit
-from pcalib.fitting.linearisation import conditions_of
+from pcalib.fitting.linearisation import conditions_of, predicted
 from pcalib.model import Model
 
 
@@ -81,7 +81,7 @@ def _step(
 def _require_seen(effect: Effect, model: Model, data: Measurements) -> None:
     fitted = data.take(~data.check)
     conditions = conditions_of(fitted)
-    require_seen(effect, Point.of(model, prediction.predict(model, fitted.q, conditions), conditions))
+    require_seen(effect, Point.of(model, predicted(model, fitted), conditions))
 
 
 def _no_effect(level: str, model: Model) -> str:

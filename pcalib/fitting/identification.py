@@ -38,7 +38,7 @@ from pcalib.fitting.result import Fit as Fit
 from pcalib.fitting.result import accuracy, explained
 from pcalib.fitting.scatter import NOT_SCALED, Repeated, Scale, scale, with_joints, with_repeated
 from pcalib.fitting.sufficiency import require_enough, require_order, require_reach, require_rows
-from pcalib.fitting.unknowns import Unknowns, unknowns_of
+from pcalib.fitting.unknowns import Unknowns, level_of, unknowns_of
 from pcalib.fitting.warnings import cautions
 from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Model
 from pcalib.posterior import Posterior, Remaining
@@ -89,16 +89,12 @@ def fit(
         model = replace(model, time_origin=float(np.min(data.columns["time"])))
     if not weighted:
         data = replace(data, sigma=data.sigma[:, :1] * np.array([1.0, 1.0, 1.0, 1e3, 1e3, 1e3]))
-    tracker = data.frame == "tracker"
-    unknowns = unknowns_of(model, level, model.effects, tracker, how.fixed, how.bounds, how.prior, flat=method != "map")
     require_rows(data)
     fitted = data.take(~data.check) if data.check.any() else data
-    used = replace(fitted, mask=explained(fitted, unknowns))
+    used = replace(fitted, mask=explained(fitted, level_of(model, level)))
     model = seen_from(model, used)
-    if model.frame is not None and model.frame.turn is not None:
-        unknowns = unknowns_of(
-            model, level, model.effects, tracker, how.fixed, how.bounds, how.prior, flat=method != "map"
-        )
+    tracker = data.frame == "tracker"
+    unknowns = unknowns_of(model, level, model.effects, tracker, how.fixed, how.bounds, how.prior, flat=method != "map")
     if not unknowns.level.raw:
         model = model.with_geometry(model.robot.mechanism.nominal + unknowns.level.project(model.errors))
     at = evaluate(model, used)
@@ -158,7 +154,7 @@ def _conclude(
     status, reason, remedy = _verdict(state, ident, expected, task)
 
     fitted, held = ~data.check, data.check
-    noise = replace(Noise.of(data), measured=explained(data, unknowns))
+    noise = replace(Noise.of(data), measured=explained(data, unknowns.level))
     error, weight = np.empty((len(data), 6)), np.ones(len(data))
     every = noise.measured is data.mask  # readings that the level cannot explain have residuals all the same
     error[fitted] = state.at[0] if every else evaluate(state.model, data.take(fitted), state.at[1].pose)[0]

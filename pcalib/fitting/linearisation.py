@@ -11,13 +11,15 @@ import numpy as np
 from pcalib import prediction, rotation
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
+from pcalib.data.readings import POSE, Readings
 from pcalib.effects.base import Contribution
 from pcalib.errors import InputError
 from pcalib.fitting import least_squares
 from pcalib.fitting.unknowns import Unknowns
 from pcalib.mechanics.mechanism import Pose
 from pcalib.model import Frame, Model
-from pcalib.prediction import Conditions, Prediction
+from pcalib.prediction import Conditions, Prediction, View
+from pcalib.sensors.base import Block, Scene
 
 ROWS = 2000
 """Rows of a chunk: whitened Jacobians of 2000 poses by 70 unknowns are 7 MB, and calls cost little beside them."""
@@ -90,7 +92,50 @@ class Information:
 
 def conditions_of(data: Measurements) -> Conditions:
     """Tools, payloads and further columns of a data set."""
-    return Conditions(data.tool, data.payload, data.columns)
+    targeted = None if data.readings is None else data.readings.sensor == POSE
+    return Conditions(data.tool, data.payload, data.columns, targeted)
+
+
+def predicted(model: Model, data: Measurements, start: Pose | None = None) -> Prediction:
+    """What a model predicts for the rows of a data set, whatever reads them."""
+    return viewed(model, prediction.predict(model, data.q, conditions_of(data), start), data.readings)
+
+
+def viewed(model: Model, p: Prediction, readings: Readings | None) -> Prediction:
+    """A prediction of N rows as sensors see them; whatever values the N readings have."""
+    return p if readings is None else replace(p, view=_view(model, p, readings))
+
+
+def _scene(model: Model, p: Prediction, rows: np.ndarray) -> Scene:
+    x, R = prediction.in_base(p)
+    gravity = model.robot.gravity
+    size = float(np.linalg.norm(gravity))
+    return Scene(x[rows], R[rows], -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0]))
+
+
+def _view(model: Model, p: Prediction, readings: Readings) -> View:
+    """What the sensors should read."""
+    rows = np.flatnonzero(readings.sensor != POSE)
+    place = np.full(len(readings.sensor), -1)
+    place[rows] = np.arange(len(rows))
+    first = dict(zip((b.name for b in model.setup), np.cumsum([0, *(len(b.theta) for b in model.setup)]), strict=False))
+    known = {block.name: block.theta for block in model.setup}
+    total = sum(map(len, known.values()))
+    value, by = np.zeros((len(rows), 6)), np.zeros((len(rows), 6, 6))
+    own = np.zeros((len(rows), 6, total))
+    for sensor, to, mine in readings.parts:
+        names = [block.name for block in sensor.blocks(to, readings.options)]
+        if lacking := [name for name in names if name not in known]:
+            raise InputError(
+                f"the model does not know {', '.join(lacking)}, which {sensor.title} are measured with",
+                remedy="fit data that were measured with it",
+            )
+        seen = sensor.see(_scene(model, p, mine), [known[name] for name in names])
+        at, places = place[mine][:, None], [where for where, _ in sensor.quantities.values()]
+        value[at, places], by[at, places] = seen.value, seen.by_twist
+        columns = np.concatenate([first[name] + np.arange(len(known[name])) for name in names])
+        own[at[..., None], np.array(places)[:, None], columns] = seen.own
+    return View(rows, value, by, own)
 
 
 def residuals(model: Model, data: Measurements, start: Pose | None = None) -> tuple[np.ndarray, Prediction]:
@@ -99,13 +144,16 @@ def residuals(model: Model, data: Measurements, start: Pose | None = None) -> tu
     Args:
         start: poses from which forward kinematics starts.
     """
-    p = prediction.predict(model, data.q, conditions_of(data), start)
+    p = predicted(model, data, start)
     error = np.full((len(data.q), 6), np.nan)
     error[:, :3] = data.position - p.position
-    turned = data.mask[:, 3]
+    turned = data.turned
     if turned.any():
         rows = slice(None) if turned.all() else turned
         error[rows, 3:] = rotation.log(data.rotation[rows] @ rotation.transposed(p.rotation[rows]))
+    if p.view is not None:
+        assert data.readings is not None
+        error[p.view.rows] = data.readings.value[p.view.rows] - p.view.value
     error[~data.mask] = np.nan
     error[~p.reached] = np.nan
     return error, p
@@ -135,6 +183,8 @@ def linearise(
         blocks.append(prediction.effect_columns(model, p, closed, JX, parts))
     if unknowns.n_frame:
         blocks.append(prediction.frame_columns(model, p))
+    if unknowns.n_setup:
+        blocks.append(prediction.setup_columns(p, unknowns.n_setup))
     columns = blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=-1)
     noise = Noise.of(data) if noise is None else noise
     whitened = noise.whiten(error), noise.whiten(columns)
@@ -217,16 +267,48 @@ def joint_response(model: Model, data: Measurements, pose: Pose) -> np.ndarray:
 
 
 def seen_from(model: Model, data: Measurements) -> Model:
-    """The model in the measuring frame of the data: registered where a tracker's is not known yet, none in the base."""
+    """The model with the set-up that measured the data: the frame of a tracker, none in the base, and stations and
+    surfaces; what of it the model does not know yet is found from the data."""
     if data.frame != "tracker":
-        return replace(model, frame=None)
-    return model if model.frame is not None else replace(model, frame=register(model, data))
+        model = replace(model, frame=None)
+    elif model.frame is None:
+        model = replace(model, frame=register(model, data))
+    return replace(model, setup=() if data.readings is None else _setup(model, data, data.readings))
+
+
+def _setup(model: Model, data: Measurements, readings: Readings) -> tuple[Block, ...]:
+    """The unknowns of the sensors, at their values in the model or else at a first guess."""
+    known = {block.name: block.theta for block in model.setup}
+    out: dict[str, Block] = {}
+    p = prediction.predict(model, data.q, conditions_of(data))
+    for sensor, to, rows in readings.parts:
+        blocks = sensor.blocks(to, readings.options)
+        start: tuple[np.ndarray, ...] | None = None
+        for i, block in enumerate(blocks):
+            theta = known.get(block.name)
+            if theta is None or len(theta) != len(block.parameters):
+                if start is None:
+                    mine = rows[p.status[rows] == "ok"]
+                    _require_some(block, len(mine), data)
+                    value = readings.value[mine][:, [place for place, _ in sensor.quantities.values()]]
+                    start = sensor.start(_scene(model, p, mine), value, to, readings.options)
+                theta = start[i]
+            out.setdefault(block.name, block.at(theta))
+    return tuple(out.values())
+
+
+def _require_some(block: Block, n: int, data: Measurements) -> None:
+    if n < len(block.parameters):
+        raise InputError(
+            f"{n} readings to {block.name}, which has {len(block.parameters)} unknowns ({', '.join(block.parameters)})",
+            file=data.source, remedy="measure to it at more poses, well spread; or leave these rows out",
+        )  # fmt: skip
 
 
 def register(model: Model, data: Measurements) -> Frame:
     """First guess of the frame: the rigid motion that best lays predicted on measured positions (Kabsch)."""
     p = prediction.predict(replace(model, frame=None), data.q, conditions_of(data))
-    full = data.mask[:, :3].all(axis=1) & (p.status == "ok")
+    full = ~np.isnan(data.position).any(axis=1) & (p.status == "ok")
     if full.sum() < 3:
         raise InputError(
             f"only {full.sum()} rows have x, y and z: an unknown frame needs at least 3",

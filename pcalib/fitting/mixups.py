@@ -242,7 +242,7 @@ def _readings(data: Measurements, robot: Robot, here: Distance | None) -> list[m
 def _counted(data: Measurements, columns: slice) -> int:
     """Readings of a group of columns of (N, 6); none where all of them are 0."""
     turned = np.zeros((len(data), 3))
-    measured = data.mask[:, 3]
+    measured = data.turned
     turned[measured] = rotation.log(data.rotation[measured])
     values = np.where(data.mask, np.hstack([np.nan_to_num(data.position), turned]), 0.0)[:, columns]
     return int(data.mask[:, columns].sum()) if values.any() else 0

@@ -17,6 +17,7 @@ from pcalib.fitting.far import FAR, Far, far
 from pcalib.fitting.identifiability import Identifiability
 from pcalib.fitting.scatter import Scale
 from pcalib.fitting.unknowns import Unknowns, current
+from pcalib.mechanics.mechanism import Level
 from pcalib.model import Model
 from pcalib.posterior import Posterior
 
@@ -82,8 +83,8 @@ def accuracy(error: np.ndarray, noise: Noise, parameters: float) -> Accuracy:
     """RMS and maximum of residuals (N, 6) [m, rad], and χ² per degree of freedom of those that `noise` is of."""
     some = ~np.isnan(error[:, :3]).all(axis=1)
     length2 = np.nansum(error[some, :3] ** 2, axis=1)
-    turned = ~np.isnan(error[:, 3])
-    angle2 = np.sum(error[turned, 3:] ** 2, axis=1)
+    turned = ~np.isnan(error[:, 3:]).all(axis=1)
+    angle2 = np.nansum(error[turned, 3:] ** 2, axis=1)
     counted = replace(noise, measured=noise.measured & ~np.isnan(error))
     chi2 = float(np.sum(counted.whiten(error) ** 2))
     dof = int(counted.measured.sum()) - parameters
@@ -204,9 +205,9 @@ class Fit:
         return "\n".join([self.headline(), *(f"- {caution}" for caution in self.warnings)])
 
 
-def explained(data: Measurements, unknowns: Unknowns) -> np.ndarray:
+def explained(data: Measurements, level: Level) -> np.ndarray:
     """(N, 6) bool, readings that the level can explain: no rotations where parallelograms are taken as perfect."""
-    if not unknowns.level.perfect or not data.mask[:, 3].any() or not data.mask[:, :3].any():
+    if not level.perfect or not data.mask[:, 3:].any() or not data.mask[:, :3].any():
         return data.mask
     return data.mask & ([True] * 3 + [False] * 3)
 

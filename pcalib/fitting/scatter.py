@@ -7,7 +7,6 @@ from enum import Enum
 
 import numpy as np
 
-from pcalib import rotation
 from pcalib.data import replicates
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
@@ -135,10 +134,7 @@ def repeated(data: Measurements, group: np.ndarray, response: np.ndarray) -> Rep
     data, group, response = data.take(alike), group[alike], response[alike]
     count = len(first)
     mask, nu = data.mask[first], np.bincount(group, minlength=count) - 1.0
-    value = np.zeros((len(data), 6))
-    value[:, :3] = data.position - data.position[first[group]]
-    turned = data.mask[:, 3]
-    value[turned, 3:] = rotation.log(data.rotation[turned] @ np.swapaxes(data.rotation[first[group][turned]], -1, -2))
+    value = data.beside(data.take(first[group]))
     value = np.where(data.mask, value / data.sigma, 0.0)
     value -= (_sums(value, group, count) / (nu[:, None] + 1))[group]
     W = _sums(value[:, :, None] * value[:, None, :], group, count)

@@ -75,12 +75,8 @@ def require_enough(model: Model, data: Measurements, unknowns: Unknowns) -> int:
     """Directions that the level should identify from such readings; refuses data with no reading to spare."""
     if unknowns.n_geometry == 0:
         return 0
-    tools = np.round(data.tool, 6).tolist()
-    rows = [(tuple(mask), tuple(tool)) for mask, tool in zip(data.mask.tolist(), tools, strict=True)]
-    kinds = tuple(sorted(kind for kind, _ in Counter(rows).most_common(_KINDS)))
-    expected = expected_rank(
-        model.robot, unknowns.level.name, tuple(unknowns.keep), kinds, tuple(_typical(data)), unknowns.n_frame
-    )
+    count = _expected_of_poses if data.readings is None else _expected_of
+    expected = count(data, model, unknowns)
     needed = expected + unknowns.n_registration + 1
     readings = int(data.mask.sum())
     if readings < needed:
@@ -93,6 +89,35 @@ def require_enough(model: Model, data: Measurements, unknowns: Unknowns) -> int:
             remedy=f"measure at least {least} poses (three times as many is usual), or fit a simpler level",
         )
     return expected
+
+
+def _expected_of_poses(data: Measurements, model: Model, unknowns: Unknowns) -> int:
+    tools = np.round(data.tool, 6).tolist()
+    rows = [(tuple(mask), tuple(tool)) for mask, tool in zip(data.mask.tolist(), tools, strict=True)]
+    kinds = tuple(sorted(kind for kind, _ in Counter(rows).most_common(_KINDS)))
+    return expected_rank(
+        model.robot, unknowns.level.name, tuple(unknowns.keep), kinds, tuple(_typical(data)), unknowns.n_frame
+    )
+
+
+def _expected_of(data: Measurements, model: Model, unknowns: Unknowns) -> int:
+    """Directions that the sensors of a file, as they stand, would identify at 40 well-spread poses with each tool."""
+    from pcalib.workspace import reachable
+
+    assert data.readings is not None
+    read = zip(data.readings.sensor, data.readings.to, data.mask.tolist(), np.round(data.tool, 6).tolist(), strict=True)
+    first: dict[tuple, list[int]] = {}
+    for row, (sensor, to, mask, tool) in enumerate(read):
+        first.setdefault((sensor, to, tuple(mask), tuple(tool)), []).append(row)
+    most = sorted(first.values(), key=len, reverse=True)[:_KINDS]
+    q = reachable(model.robot, 40, np.random.default_rng(0)).q
+    rows = data.take(np.repeat([kind[0] for kind in most], len(q)))
+    nominal = model.with_geometry(model.robot.mechanism.nominal)
+    linear = linearisation.linearise(nominal, replace(rows, q=np.tile(q, (len(most), 1))), unknowns)
+    g = unknowns.n_geometry
+    J = without(linear.jacobian[:, :g], linear.jacobian[:, g:] * unknowns.scale[g:])
+    J = J[np.isfinite(J).all(axis=1)]
+    return int(np.sum(np.linalg.svd(J * unknowns.scale[:g], compute_uv=False) > THRESHOLD))
 
 
 def _typical(data: Measurements) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a fit solves for: level coordinates, effect parameters and the measuring frame, as one scaled vector."""
+"""What a fit solves for: geometry, effects, measuring frame and the sensors' set-up, as one scaled vector."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TARGET_PRIOR = 1e-2
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What a fit solves for, in order: level coordinates, effect parameters, frame."""
+    """What a fit solves for, in order: level coordinates, effect parameters, frame, set-up of the sensors."""
 
     level: Level
     keep: np.ndarray
@@ -39,6 +39,7 @@ class Unknowns:
     n_geometry: int
     n_effects: int
     n_frame: int
+    n_setup: int = 0
 
     @cached_property
     def basis(self) -> np.ndarray:
@@ -51,13 +52,25 @@ class Unknowns:
 
     @property
     def n_registration(self) -> int:
-        """Unknowns of the frame that readings take up: the target's place is held by its prior."""
-        return max(self.n_frame - 3, 0)
+        """Unknowns of frame and set-up that readings take up: the target's place is held by its prior."""
+        return max(self.n_frame - 3, 0) + self.n_setup
 
     @cached_property
     def bounded(self) -> bool:
         """Whether any unknown has a bound."""
         return bool(np.isfinite(self.lower).any() or np.isfinite(self.upper).any())
+
+
+def level_of(model: Model, name: str) -> Level:
+    """The level of that name of the model's robot.
+
+    Raises:
+        InputError: there is none.
+    """
+    levels = model.robot.mechanism.levels
+    if name not in levels:
+        raise InputError(unknown("level", name, levels))
+    return levels[name]
 
 
 def unknowns_of(
@@ -76,12 +89,10 @@ def unknowns_of(
         fixed: names of level columns held where the start has them: at nominal, or as in the model given.
         bounds: name → (low, high) of the change from nominal [SI].
         prior: 1σ by unit ('m', 'rad', '1') or by parameter name; manufacturing tolerances elsewhere.
-        flat: no priors but that of the target's place, which a robot that hardly turns cannot tell from the frame's.
+        flat: no priors but those of the set-up and of the target's place, which a robot that hardly turns cannot tell
+            from the frame's.
     """
-    levels = model.robot.mechanism.levels
-    if level not in levels:
-        raise InputError(unknown("level", level, levels))
-    chosen = levels[level]
+    chosen = level_of(model, level)
     prior, bounds, fixed = dict(prior or {}), dict(bounds or {}), set(fixed)
     for name in [*fixed, *bounds, *(p for p in prior if p not in PRIOR)]:
         if name not in chosen.columns:
@@ -102,17 +113,19 @@ def unknowns_of(
     turned = frame and model.frame is not None and model.frame.turn is not None
     n_frame = 12 if turned else 9 if frame else 0
     names += [f"{of}.{c}" for of in ("frame", "target") for c in ("x", "y", "z", "rx", "ry", "rz")][:n_frame]
-    scale = np.array(sizes + [_FRAME_SCALE] * n_frame)
-    free = np.array(sizes + [np.inf] * n_frame)
+    place = len(names) - n_frame + 6
+    names += [name for block in model.setup for name in block.names]
+    setup = [float(sigma) for block in model.setup for sigma in block.prior]
+    scale = np.array(sizes + [_FRAME_SCALE] * (n_frame + len(setup)))
+    free = np.array(sizes + [np.inf] * n_frame + setup)
     if flat:
-        free[:] = np.inf
+        free[: n_geometry + n_effects] = np.inf
     if frame:
-        place = len(names) - n_frame + 6
         free[place : place + 3] = _TARGET_PRIOR
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for name, (low, high) in bounds.items():
         lower[names.index(name)], upper[names.index(name)] = low, high
-    return Unknowns(chosen, keep, free, scale, lower, upper, tuple(names), n_geometry, n_effects, n_frame)
+    return Unknowns(chosen, keep, free, scale, lower, upper, tuple(names), n_geometry, n_effects, n_frame, len(setup))
 
 
 def apply(model: Model, unknowns: Unknowns, step: np.ndarray) -> Model:
@@ -127,18 +140,22 @@ def apply(model: Model, unknowns: Unknowns, step: np.ndarray) -> Model:
     frame = model.frame
     if unknowns.n_frame:
         assert frame is not None
-        f = step[g + e :]
+        f = step[g + e : g + e + unknowns.n_frame]
         turned = rotation.renormalise(rotation.exp(f[3:6]) @ frame.rotation)
         body = frame.turn
         if body is not None:
             body = rotation.renormalise(rotation.exp(f[9:12]) @ body)
         frame = Frame(turned, frame.translation + f[:3], frame.offset + f[6:9], body)
-    return replace(model, k=k, effects=tuple(effects), frame=frame)
+    setup, i = [], g + e + unknowns.n_frame
+    for block in model.setup:
+        setup.append(block.at(block.theta + step[i : i + len(block.theta)]))
+        i += len(block.theta)
+    return replace(model, k=k, effects=tuple(effects), frame=frame, setup=tuple(setup))
 
 
 def current(model: Model, unknowns: Unknowns) -> np.ndarray:
-    """(n,) present values of the unknowns: change from nominal, effect values, target offset; the rest of the
-    frame has no absolute value and reads 0."""
+    """(n,) present values of the unknowns: change from nominal, effect values, target offset, set-up;
+    the rest of the frame has no absolute value and reads 0."""
     g, e = unknowns.n_geometry, unknowns.n_effects
     values = np.zeros(len(unknowns.names))
     values[:g] = unknowns.coordinates(model.errors)
@@ -147,4 +164,6 @@ def current(model: Model, unknowns: Unknowns) -> np.ndarray:
     if unknowns.n_frame:
         assert model.frame is not None
         values[g + e + 6 : g + e + 9] = model.frame.offset
+    if unknowns.n_setup:
+        values[g + e + unknowns.n_frame :] = np.concatenate([block.theta for block in model.setup])
     return values

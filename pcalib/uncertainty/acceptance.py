@@ -190,7 +190,7 @@ def _at_tool(
     if (there & positions).any():
         miss = np.where(there[:, None], error[:, :3], np.nan)
         return miss, whole[:, :3, :3], False
-    if not (positions & data.mask[:, 3]).any():
+    if not (positions & data.turned).any():
         raise InputError(
             "no row was measured with this tool, and none has a rotation from which its miss would follow",
             file=data.source, remedy="measure with this tool, or with an instrument that reads orientation as well",

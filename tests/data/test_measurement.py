@@ -271,7 +271,7 @@ WRONG = {
     # metadata
     "unknown key": case(HEAD, "# sigma = 1\n" + HEAD, "metadata 'sigma'|metadata key 'sigma'", 1, None),
     "unknown key, accepted ones listed": case(
-        HEAD, "# colour = red\n" + HEAD, "accepted: sigma_pos_mm, sigma_rot_deg, frame, robot", 1, None
+        HEAD, "# colour = red\n" + HEAD, "accepted: sigma_pos_mm, sigma_rot_deg, .*frame, robot", 1, None
     ),
     "key without unit": case(HEAD, "# sigma_pos = 1\n" + HEAD, "'sigma_pos' has no unit", 1, None, "sigma_pos_um"),
     "key with wrong unit": case(HEAD, "# sigma_pos_deg = 1\n" + HEAD, "not a unit of length", 1, None, "sigma_pos_um"),

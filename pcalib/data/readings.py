@@ -1,0 +1,209 @@
+"""What sensors read that read no pose, row by row; in files, such readings may stand beside a pose or alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pcalib import sensors, units
+from pcalib.data import columns as cols
+from pcalib.data.columns import Columns
+from pcalib.data.table import Table
+from pcalib.errors import InputError
+from pcalib.sensors.base import Sensor
+
+POSE = ""
+"""Name of what reads poses."""
+_SHOWN = {"length": "mm", "angle": "deg"}
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Readings of N rows."""
+
+    sensor: np.ndarray
+    """(N,) str, name of the sensor that a row was read with; '' where it reads a pose."""
+    to: np.ndarray
+    """(N,) str, the station or surface that was measured to; '' where there is but one."""
+    value: np.ndarray
+    """(N, 6) [m, rad] in the places of the sensor's quantities; NaN elsewhere, and in rows that read a pose."""
+    options: Mapping[str, object] = field(default_factory=dict)
+    """Metadata of the sensors."""
+    written: Mapping[str, str] = field(default_factory=dict)
+    """The same as the file has them."""
+
+    def take(self, rows: np.ndarray | slice) -> Readings:
+        """The readings of some rows."""
+        return Readings(self.sensor[rows], self.to[rows], self.value[rows], self.options, self.written)
+
+    @property
+    def parts(self) -> list[tuple[Sensor, str, np.ndarray]]:
+        """Sensor, what is measured to, and rows of all readings that belong together, in the order of their names."""
+        if not len(self.sensor):
+            return []
+        pairs = sorted({(s, t) for s, t in zip(self.sensor.tolist(), self.to.tolist(), strict=True) if s != POSE})
+        return [(sensors.get(s), t, np.flatnonzero((self.sensor == s) & (self.to == t))) for s, t in pairs]
+
+    @staticmethod
+    def joined(parts: Sequence[Readings | None], lengths: Sequence[int]) -> Readings | None:
+        """Those of several data sets one after another; None where none has any."""
+        known = [part for part in parts if part is not None]
+        if not known:
+            return None
+        each = [nothing(n) if part is None else part for part, n in zip(parts, lengths, strict=True)]
+        options = {k: v for part in known for k, v in part.options.items()}
+        written = {k: v for part in known for k, v in part.written.items()}
+        return Readings(*(np.concatenate([getattr(p, n) for p in each]) for n in ("sensor", "to", "value")),
+                        options, written)  # fmt: skip
+
+
+def nothing(n: int) -> Readings:
+    """Readings of n rows that read poses."""
+    return Readings(np.full(n, POSE, object), np.full(n, "", object), np.full((n, 6), np.nan))
+
+
+@dataclass(frozen=True)
+class Found:
+    """Readings of one sensor in a table."""
+
+    sensor: Sensor
+    row: np.ndarray
+    """(n,) rows of the table that have one."""
+    to: np.ndarray
+    """(n,) str."""
+    value: np.ndarray
+    """(n, 6) [m, rad], NaN where nothing is measured."""
+    sigma: np.ndarray
+    """(n,) [m or rad]."""
+    stated: bool
+    """Whether the file states σ."""
+
+
+def quantities() -> dict[str, str]:
+    """Columns of all sensors that carry a unit → dimension."""
+    return {q: d for sensor in sensors.every() for q, (_, d) in sensor.quantities.items()}
+
+
+def sigma_keys() -> dict[str, str]:
+    """Columns and metadata with 1σ of the sensors → dimension."""
+    return {s.sigma: next(iter(s.quantities.values()))[1] for s in sensors.every()}
+
+
+def targets() -> tuple[str, ...]:
+    """Columns that name what is measured to."""
+    return tuple(s.to for s in sensors.every() if s.to is not None)
+
+
+def options(table: Table) -> dict[str, object]:
+    """The metadata keys of sensors, as they read them.
+
+    Raises:
+        InputError: a value that a sensor does not accept.
+    """
+    out = {}
+    for key, text in table.metadata.items():
+        for sensor in sensors.every():
+            try:
+                value = sensor.option(key, text)
+            except ValueError as accepted:
+                line = table.metadata_lines.get(key)
+                problem = f"metadata '{key}' is {text!r}"
+                raise InputError(problem, file=table.source, line=line, remedy=f"accepted: {accepted}") from None
+            if value is not None:
+                out[key] = value
+    return out
+
+
+def find(columns: Columns, sigma: Mapping[str, float | str]) -> list[Found]:
+    """The readings of every sensor that a table has.
+
+    Args:
+        sigma: σ of sensors in the metadata [SI].
+
+    Raises:
+        InputError: a reading that does not say what it was measured to, or a station of no reading.
+    """
+    out = []
+    table = columns.table
+    for sensor in sensors.every():
+        given = [q for q in sensor.quantities if q in columns]
+        if not given:
+            continue
+        value = np.full((len(table), 6), np.nan)
+        for q in given:
+            value[:, sensor.quantities[q][0]] = columns.si(q, blank=True)
+        row = np.flatnonzero(~np.isnan(value).all(axis=1))
+        to = np.full(len(table), "", object)
+        if sensor.to is not None and len(row):
+            if sensor.to not in columns:
+                raise table.error(
+                    f"column '{sensor.to}' is missing: it names what {columns.name(given[0])} is measured to",
+                    remedy="give each station or surface a name, e.g. A",
+                )
+            to[:] = [str(cell).strip() for cell in table.texts(sensor.to)]
+            lacking = row[to[row] == ""]
+            if len(lacking):
+                raise table.error(
+                    f"{columns.name(given[0])} is given and no {sensor.to}", row=int(lacking[0]), column=sensor.to,
+                    remedy="name what it is measured to, e.g. A",
+                )  # fmt: skip
+        own = _sigma(columns, sensor, sigma.get(sensor.sigma))
+        each = sensor.usual_sigma if own is None else own
+        out.append(Found(
+            sensor, row, to[row], value[row], np.broadcast_to(each, len(table))[row].astype(float), own is not None
+        ))  # fmt: skip
+    return [found for found in out if len(found.row)]
+
+
+def _sigma(columns: Columns, sensor: Sensor, common: float | str | None) -> np.ndarray | float | None:
+    """σ of each row's reading: its own, else that of the metadata; None where the file states none."""
+    every = None if common is None else float(common)
+    if sensor.sigma not in columns:
+        return every
+    values = columns.si(sensor.sigma, blank=True)
+    bad = values < cols.SMALLEST_SIGMA
+    if bad.any():
+        raise columns.table.error(
+            "σ must be positive", row=int(np.argmax(bad)), column=columns.name(sensor.sigma), remedy="e.g. 0.02"
+        )
+    return np.where(np.isnan(values), sensor.usual_sigma if every is None else every, values)
+
+
+def to_measure(readings: Readings) -> dict[str, list[str]]:
+    """Columns of a plan that say what each row is to be measured with: the sensor, and the station or surface."""
+    out = {"sensor": [str(name) for name in readings.sensor]}
+    for sensor in dict.fromkeys(sensor for sensor, _, _ in readings.parts):
+        if sensor.to is not None:
+            out[sensor.to] = _named(readings, sensor, out.get(sensor.to))
+    return out
+
+
+def _named(readings: Readings, sensor: Sensor, before: Sequence[str] | None) -> list[str]:
+    """What a sensor measures to, row by row, beside what stood there `before`."""
+    rest = [""] * len(readings.sensor) if before is None else before
+    return [str(t) if s == sensor.name else b for s, t, b in zip(readings.sensor, readings.to, rest, strict=True)]
+
+
+def to_write(readings: Readings, sigma: np.ndarray, stated: tuple[bool, bool]) -> dict[str, np.ndarray | list[str]]:
+    """Columns of a file that hold the readings.
+
+    Args:
+        sigma: (N, 6) [m, rad].
+        stated: whether σ of lengths and of angles is stated.
+    """
+    out: dict[str, np.ndarray | list[str]] = {}
+    named: dict[str, list[str]] = {}
+    for sensor in dict.fromkeys(sensor for sensor, _, _ in readings.parts):
+        mine = readings.sensor == sensor.name
+        for q, (place, dimension) in sensor.quantities.items():
+            unit = units.UNITS[_SHOWN[dimension]]
+            out[f"{q}_{unit.suffix}"] = np.where(mine, readings.value[:, place], np.nan) / unit.factor
+        if sensor.to is not None:
+            named[sensor.to] = _named(readings, sensor, named.get(sensor.to))
+        place, dimension = next(iter(sensor.quantities.values()))
+        if stated[place // 3]:
+            unit = units.UNITS[_SHOWN[dimension]]
+            out[f"{sensor.sigma}_{unit.suffix}"] = np.where(mine, sigma[:, place], np.nan) / unit.factor
+    return out | named

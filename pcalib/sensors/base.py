@@ -1,0 +1,126 @@
+"""What a sensor is: an instrument that reads no pose, but lengths and angles that follow from it.
+
+A sensor reads up to three lengths and three angles a row. They stand in the six places that x y z rx ry rz have in the
+rows of an instrument that reads poses, so that fits and diagnoses see six scalars with σ and derivatives a row and need
+not know who read them.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Poses in front of a sensor, in the base frame."""
+
+    x: np.ndarray
+    """(n, 3) [m] the measured points."""
+    R: np.ndarray
+    """(n, 3, 3) plate → base."""
+    up: np.ndarray
+    """(3,) unit vector against gravity, where the base stands as the robot file says."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Readings that a sensor should give, s scalars a row in the order of its quantities."""
+
+    value: np.ndarray
+    """(n, s) [m, rad]."""
+    by_twist: np.ndarray
+    """(n, s, 6) derivatives by a motion (v, ω) of the plate about the measured point, base frame."""
+    own: np.ndarray
+    """(n, s, p) derivatives by the unknowns of the set-up, block by block."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Unknowns of a set-up that belong together, such as the place of a station."""
+
+    name: str
+    """How messages and model files call them: 'station A'."""
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    """'m' or 'rad' of each."""
+    prior: np.ndarray
+    """(p,) [SI] 1σ of each about zero."""
+    theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """(p,) [SI] values; empty where they are not known yet."""
+
+    def at(self, theta: np.ndarray) -> Block:
+        """The block with values."""
+        return replace(self, theta=np.asarray(theta, float))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its unknowns in a fit: 'station A.x'."""
+        return tuple(f"{self.name}.{p}" for p in self.parameters)
+
+
+Options = Mapping[str, object]
+"""What the metadata of a file say about its sensors: key → value, as the sensors read it."""
+
+
+class Sensor(ABC):
+    """A kind of sensor; each is a file of `pcalib.sensors` that defines SENSOR."""
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    """How sentences call it."""
+    quantities: ClassVar[Mapping[str, tuple[int, str]]]
+    """Column without unit → (place 0 … 5 of its reading in a row, dimension); lengths are 0 … 2 and angles 3 … 5."""
+    sigma: ClassVar[str]
+    """Name without unit of the column or metadata key with its 1σ."""
+    usual_sigma: ClassVar[float]
+    """[SI] 1σ taken where a file states none."""
+    to: ClassVar[str | None] = None
+    """Column that names what is measured to; None where there is but one."""
+
+    def option(self, key: str, text: str) -> object | None:
+        """The value of a metadata key of this sensor; None where the key is not its own.
+
+        Raises:
+            ValueError: the text is none of the accepted values; says which are.
+        """
+        return None
+
+    @abstractmethod
+    def blocks(self, to: str, options: Options) -> tuple[Block, ...]:
+        """The unknowns of a set-up, without values. Blocks of one name are one, whatever is measured to."""
+
+    @abstractmethod
+    def start(self, scene: Scene, value: np.ndarray, to: str, options: Options) -> tuple[np.ndarray, ...]:
+        """First values of each block, from poses as drawn and readings (n, s) there, NaN where there is none."""
+
+    @abstractmethod
+    def see(self, scene: Scene, theta: Sequence[np.ndarray]) -> Seen:
+        """What it should read at poses with values of the blocks."""
+
+
+def best(residual: Callable[[np.ndarray], np.ndarray], starts: Sequence[np.ndarray]) -> list[tuple[float, np.ndarray]]:
+    """Least-squares solutions from several starts, (χ², values) each, the best first."""
+    from scipy.optimize import least_squares
+
+    found = [least_squares(residual, start, x_scale="jac") for start in starts]
+    return sorted(((2 * float(f.cost), f.x) for f in found), key=lambda one: one[0])
+
+
+def point(text: str) -> np.ndarray:
+    """(3,) the numbers of 'x y z'.
+
+    Raises:
+        ValueError: there are not three.
+    """
+    try:
+        values = np.array(text.replace(",", " ").split(), float)
+    except ValueError:
+        values = np.zeros(0)
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise ValueError("three numbers, x y z")
+    return values
