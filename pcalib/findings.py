@@ -212,7 +212,7 @@ def noise_level(data: Measurements, noise: Noise) -> Iterator[Finding]:
 
 def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
     """Values that look odd but may be right."""
-    seen = ~np.isnan(data.position).any(axis=1)
+    seen = np.array(~np.isnan(data.position).any(axis=1))
     same = np.all(data.position[1:] == data.position[:-1], axis=1)
     moved = np.any(data.q[1:] != data.q[:-1], axis=1)
     still = np.append(False, seen[1:] & same & moved)

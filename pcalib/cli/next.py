@@ -97,7 +97,7 @@ def command(
     return None
 
 
-def _grouped(columns: Mapping[str, np.ndarray]) -> tuple[dict[str, list[str]], list[str]]:
+def _grouped(columns: Mapping[str, np.ndarray | list[str]]) -> tuple[dict[str, list[str]], list[str]]:
     """The columns of a plan as a screen has room for them: related ones together, and those that are alike in all rows
     apart."""
     groups = {
@@ -114,7 +114,9 @@ def _grouped(columns: Mapping[str, np.ndarray]) -> tuple[dict[str, list[str]], l
         if name != group[0]:
             continue
 
-        def cell(value: float, title: str = title, alone: bool = len(group) == 1) -> str:
+        def cell(value: float | str, title: str = title, alone: bool = len(group) == 1) -> str:
+            if isinstance(value, str):
+                return value
             return "−0+"[int(value) + 1] if title == "directions" else f"{value:.4g}" if alone else f"{value:.0f}"
 
         cells = [" ".join(map(cell, row)) for row in zip(*(columns[c] for c in group), strict=True)]

@@ -129,7 +129,7 @@ class Measurements:
             position: (N, 3) [m], NaN where not measured.
             rotation: (N, 3, 3), NaN where not measured; None: position only.
             tool: (3,) or (N, 3) [m]; payload: number or (N,) [kg].
-            sigma_pos: [m], sigma_rot: [rad], numbers or (N,); None: not stated.
+            sigma_pos: [m], sigma_rot: [rad], numbers, (N,), or (N, 3) by component; None: not stated.
             instrument: noise of a tracker or of reflectors, which adds to these.
             readings: of sensors that read no pose, in rows whose position and rotation are NaN.
             sigma_readings: [m, rad] of these, a number or (N,) or (N, 6); None: as usual for each, not stated.
@@ -149,10 +149,11 @@ class Measurements:
             for sensor, _, rows in readings.parts:
                 sigma[rows] = sensor.usual_sigma if own is None else np.broadcast_to(own, (n, 6))[rows]
             told = own is not None
-            stated = tuple(
+            lengths, angles = (
                 (was or not mask[:, part].any()) and (told or not given[:, part].any())
                 for was, part in zip(stated, (slice(0, 3), slice(3, 6)), strict=True)
             )
+            stated = (bool(lengths), bool(angles))
             mask = mask | given
         return cls(
             q, position, turn, mask, tool=tool,
@@ -239,7 +240,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     table = spelling.read(path)
     names, dimension = cols.actuators(table, robot)
     plain = (*orientation.QUATERNION, *(f"dir{i + 1}" for i in range(len(names))), "pose_id", "set", *sensed.targets())
-    keys = sigmas.KEYS | sensed.sigma_keys()
+    keys = sigmas.KEYS | sigmas.AXES | sensed.sigma_keys()
     wanted = dict.fromkeys(names, dimension) | cols.POSITION | cols.ROTATION | cols.CONDITIONS
     columns = cols.assign(table, wanted | keys | sensed.quantities(), plain, len(names))
     cols.require(columns, dict.fromkeys(names, dimension), "it holds the commanded actuator values")
@@ -262,7 +263,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     numeric, text = cols.conditions(columns, len(names))
     instrument = instruments.read(table, str(frame))
     point = np.zeros_like(position) if tool is None else tool
-    pos, rot = (sigmas.stated(columns, key, said.get(key)) for key in sigmas.KEYS)
+    pos, rot = (sigmas.of_axes(columns, key, said) for key in sigmas.KEYS)
     sigma, correlation, stated = sigmas.complete(position, turn, point, pos, rot, instrument)
     if robot is not None:
         plausibility.joints(columns, robot, q)
@@ -332,7 +333,7 @@ def save(path: str | Path, data: Measurements) -> None:
     """Write a measurement file, atomically: Parquet where the name ends with .parquet, else CSV.
 
     Raises:
-        InputError: the file cannot be written, or σ differs between axes, which a file cannot say.
+        InputError: the file cannot be written.
     """
     if data.correlation is not None and data.instrument is None:
         raise InputError(
@@ -386,11 +387,11 @@ def save(path: str | Path, data: Measurements) -> None:
         out |= sensed.to_write(data.readings, data.sigma, data.stated)
         head |= data.readings.written
     for key, stated in zip(sigmas.KEYS, data.stated, strict=True):
-        found = sigmas.to_write(data.mask & posed[:, None], sigma, key) if stated else None
-        if found is not None and isinstance(found[1], np.ndarray):
-            out[found[0]] = found[1]
-        elif found is not None:
-            head[found[0]] = f"{found[1]:.15g}"
+        for name, value in (sigmas.to_write(data.mask & posed[:, None], sigma, key) if stated else {}).items():
+            if isinstance(value, np.ndarray):
+                out[name] = value
+            else:
+                head[name] = f"{value:.15g}"
     tables.write(path, out | {name: [str(v) for v in values] for name, values in data.notes.items()}, head)
 
 

@@ -55,8 +55,8 @@ class Readings:
         each = [nothing(n) if part is None else part for part, n in zip(parts, lengths, strict=True)]
         options = {k: v for part in known for k, v in part.options.items()}
         written = {k: v for part in known for k, v in part.written.items()}
-        return Readings(*(np.concatenate([getattr(p, n) for p in each]) for n in ("sensor", "to", "value")),
-                        options, written)  # fmt: skip
+        sensor, to, value = (np.concatenate([getattr(p, n) for p in each]) for n in ("sensor", "to", "value"))
+        return Readings(sensor, to, value, options, written)
 
 
 def nothing(n: int) -> Readings:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,14 +11,17 @@ from pcalib import units
 from pcalib.data import columns as cols
 from pcalib.data.columns import Columns
 from pcalib.data.instrument import Instrument
-from pcalib.errors import InputError
 
 DEFAULT_SIGMA_POS = 15e-6
 """[m] 1σ per component taken where a file states none: a laser tracker at arm's length."""
 DEFAULT_SIGMA_ROT = 60e-6
 """[rad] 1σ per component taken where a file states none."""
 KEYS = {"sigma_pos": "length", "sigma_rot": "angle"}
-_SHOWN = {"sigma_pos": "mm", "sigma_rot": "deg"}
+AXES = {f"sigma_{axis}": dimension for axis, dimension in zip(
+    ("x", "y", "z", "rx", "ry", "rz"), ("length",) * 3 + ("angle",) * 3, strict=True
+)}  # fmt: skip
+"""σ of single components along and about the axes of the measuring frame, such as the depth of a camera."""
+_SHOWN = {"length": "mm", "angle": "deg"}
 _AXES = (slice(0, 3), slice(3, 6))
 _ROUNDING = 1e-9
 """Share of a variance below which a difference is rounding: files keep some fifteen digits."""
@@ -35,6 +40,19 @@ def stated(columns: Columns, key: str, common: float | str | None) -> np.ndarray
     return values if every is None else np.where(np.isnan(values), every, values)
 
 
+def of_axes(columns: Columns, key: str, said: Mapping[str, float | str]) -> np.ndarray | float | None:
+    """σ of positions or of rotations: one number, (N,) by row, or (N, 3) where components have their own; None where
+    the file states none."""
+    common = stated(columns, key, said.get(key))
+    names = list(AXES)[_AXES[list(KEYS).index(key)]]
+    each = [stated(columns, name, said.get(name)) for name in names]
+    if all(one is None for one in each):
+        return common
+    rest = (DEFAULT_SIGMA_POS if KEYS[key] == "length" else DEFAULT_SIGMA_ROT) if common is None else common
+    n = len(columns.table)
+    return np.stack([np.broadcast_to(rest if one is None else one, n) for one in each], axis=1)
+
+
 def complete(
     position: np.ndarray,
     turn: np.ndarray,
@@ -51,7 +69,8 @@ def complete(
     told = [value is not None for value in given]
     sigma = np.empty((len(position), 6))
     for axes, value, default in zip(_AXES, given, (DEFAULT_SIGMA_POS, DEFAULT_SIGMA_ROT), strict=True):
-        sigma[:, axes] = np.broadcast_to(default if value is None else value, len(sigma))[:, None]
+        one = np.asarray(default if value is None else value, float)
+        sigma[:, axes] = one if one.ndim == 2 else np.broadcast_to(one, len(sigma))[:, None]
     if instrument is None:
         return sigma, None, (told[0], told[1])
     whole = instrument.covariance(position, turn, tool)
@@ -73,20 +92,22 @@ def beside(sigma: np.ndarray, instrument: Instrument | None, *pose: np.ndarray) 
     return np.sqrt(np.where(np.abs(rest) < _ROUNDING * own, 0.0, rest))
 
 
-def to_write(mask: np.ndarray, sigma: np.ndarray, key: str) -> tuple[str, float | np.ndarray] | None:
-    """Name and value of one σ in a file: a number where all rows share it, else (N,); None where there is nothing.
-
-    Raises:
-        InputError: σ differs between axes, which a file cannot say.
-    """
+def to_write(mask: np.ndarray, sigma: np.ndarray, key: str) -> dict[str, float | np.ndarray]:
+    """Names and values of σ in a file: a number where all rows share it, else (N,); components have their own names
+    where they differ."""
     axes = _AXES[list(KEYS).index(key)]
-    unit = units.UNITS[_SHOWN[key]]
+    unit = units.UNITS[_SHOWN[KEYS[key]]]
     seen = np.where(mask[:, axes], sigma[:, axes], np.nan)
     if not np.nan_to_num(seen, nan=0.0).any():
-        return None
+        return {}
     row = sigma[:, axes.start].copy()
     some = np.flatnonzero(~np.isnan(seen).all(axis=1))
     row[some] = np.nanmax(seen[some], axis=1)
-    if np.isnan(row).any() or np.any(np.nan_to_num(np.abs(seen - row[:, None])) > np.sqrt(_ROUNDING) * row[:, None]):
-        raise InputError(f"{key} differs between axes, which a measurement file cannot say", remedy="use one σ per row")
-    return f"{key}_{unit.suffix}", (row[some][0] if np.ptp(row[some]) == 0 else row) / unit.factor
+    named = {key: row}
+    if np.any(np.nan_to_num(np.abs(seen - row[:, None])) > np.sqrt(_ROUNDING) * row[:, None]):
+        named = dict(zip(list(AXES)[axes], sigma[:, axes].T, strict=True))
+    out: dict[str, float | np.ndarray] = {}
+    for name, values in named.items():
+        alike = np.ptp(values[some]) == 0
+        out[f"{name}_{unit.suffix}"] = (values[some][0] if alike else values) / unit.factor
+    return out

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcalib.data import readings as sensed
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
 from pcalib.diagnosis import adequacy
@@ -66,6 +67,8 @@ def residual_columns(found: Comparison, data: Measurements) -> dict[str, np.ndar
     out |= {f"{name}_{unit}": factor * q for name, q in zip(data.actuators, data.q.T, strict=True)}
     out |= {f"predicted_{axis}_mm": 1e3 * v for axis, v in zip("xyz", found.position.T, strict=True)}
     axes = (*(f"{axis}_um" for axis in "xyz"), *(f"r{axis}_urad" for axis in "xyz"))
+    if data.readings is not None:
+        out |= sensed.to_measure(data.readings)
     out |= {f"residual_{name}": 1e6 * v for name, v in zip(axes, found.error.T, strict=True)}
     whitened = found.error / noise_of(found.problem, data)
     out |= {f"residual_{name.partition('_')[0]}_sigmas": v for name, v in zip(axes, whitened.T, strict=True)}

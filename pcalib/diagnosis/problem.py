@@ -285,7 +285,7 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
         # No effect that is searched for speaks for fast errors of the motors: the patterns have to.
         best, search = scanned(point, linear.residual, nuisance, whiten)[-1]
         cells.append(ripple(point, best.cycles[0], search))
-    read = fit.mask.any(axis=0)
+    read = np.asarray(fit.mask.any(axis=0))
     cells += [broken(b, point) for b in breaks(point, linear.residual, nuisance, linear.row, read, whiten)]
     eye = np.broadcast_to(np.eye(6), (len(fit), 6, 6))
     return Problem(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,16 +28,15 @@ def story(model: Model, data: Measurements, own: Sequence[Effect] = (), effect_f
     The error field is measured − predicted at the measured poses; in the map of each tool.
     """
     steps = [Step("nominal", "As drawn", Model.nominal(model.robot), "none", "The robot of the drawing.")]
-    models = [Model.nominal(model.robot)]
-    if data.frame == "tracker":  # the drawing has no place in the tracker's frame: take the model's
-        models = [Model(model.robot, models[0].k, "nominal", frame=model.frame)]
+    frame = model.frame if data.frame == "tracker" else None  # the drawing has no place there: take the model's
+    models = [replace(Model.nominal(model.robot), frame=frame, setup=model.setup)]
     past = [modelfile.restore(model, entry, effect_files) for entry in model.history] or [model]
     for i, then in enumerate(past):
         entry = model.history[i] if model.history else {}
         models.append(then)
         steps.append(_step(i, then, data, own, str(entry.get("action", "model")), str(entry.get("effect", ""))))
     found = [linearisation.residuals(m, data) for m in models]
-    errors = np.stack([error[:, :3] for error, _ in found])
+    errors = np.stack([linearisation.in_space(error, p)[:, :3] for error, p in found])
     status = np.where(np.isfinite(errors).any(axis=-1), "ok", "not measured")
     # Of a reading in part (a height, say) only that part can be off, and the model says where it was taken.
     errors = np.where(status[..., None] == "ok", np.nan_to_num(errors), np.nan)

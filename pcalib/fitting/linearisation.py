@@ -159,6 +159,19 @@ def residuals(model: Model, data: Measurements, start: Pose | None = None) -> tu
     return error, p
 
 
+def in_space(error: np.ndarray, p: Prediction) -> np.ndarray:
+    """Residuals (N, 6) as motions of the measured point and body (N, 6) [m, rad]: of what a sensor reads, the smallest
+    motion in the base frame that would explain it, NaN where its readings tell of none."""
+    if p.view is None:
+        return error
+    out = error.copy()
+    given = error[p.view.rows]
+    seen = p.view.by_twist * np.isfinite(given)[:, :, None]
+    motion = (np.linalg.pinv(seen) @ np.nan_to_num(given)[..., None])[..., 0]
+    out[p.view.rows] = np.where(np.any(seen != 0, axis=1), motion, np.nan)
+    return out
+
+
 def linearise(
     model: Model,
     data: Measurements,

@@ -106,7 +106,7 @@ def test_a_file_that_describes_its_instrument_has_the_covariance_that_the_noise_
     found = read.covariance if read.covariance is not None else read.sigma[:, :, None] ** 2 * np.eye(6)
     size = np.sqrt(np.diagonal(made.covariance, axis1=1, axis2=2))
     assert np.abs((found - made.covariance) / (size[:, :, None] * size[:, None, :])).max() < 0.01
-    assert read.sigma_stated and (read.instrument is None) == (name in ("white", "heavy_tails", "correlated"))
+    assert read.sigma_stated and (read.instrument is None) == (name in ("white", "heavy_tails", "correlated", "camera"))
 
 
 def test_a_file_that_does_not_describe_it_states_one_sigma():

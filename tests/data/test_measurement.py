@@ -405,12 +405,61 @@ def test_a_parquet_file_by_another_name(tmp_path, delta):
         measurement.load(renamed, delta)
 
 
-def test_save_refuses_what_a_file_cannot_say(tmp_path, delta):
+def test_components_may_have_a_sigma_of_their_own(tmp_path, delta):
     data = measurement.load(write(tmp_path, FULL), delta)
     data.sigma[0, 1] *= 2
-    with pytest.raises(InputError, match="differs between axes"):
-        measurement.save(tmp_path / "out.csv", data)
-    assert not (tmp_path / "out.csv").exists()
+    measurement.save(tmp_path / "out.csv", data)
+    again = measurement.load(tmp_path / "out.csv", delta)
+    assert np.allclose(again.sigma[data.mask], data.sigma[data.mask], rtol=1e-12)
+    text = (tmp_path / "out.csv").read_text()
+    assert "sigma_y_mm" in text and "sigma_pos_mm" not in text
+
+
+def test_the_depth_of_a_camera_is_stated_by_axis(tmp_path, delta):
+    head = "# sigma_x_um = 20\n# sigma_z_um = 100\n# sigma_pos_um = 30\n"
+    text = head + "q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm\n0,0,0,0,0,-800\n"
+    data = measurement.load(write(tmp_path, text), delta)
+    assert np.allclose(data.sigma[0, :3], [20e-6, 30e-6, 100e-6]) and data.stated == (True, False)
+
+
+SENSED = """# sigma_distance_um = 2
+# surface_B = sphere
+q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm,distance_mm,station,tilt_x_mrad,tilt_y_mrad,probe_mm,surface,pose_id
+0,0,0,1,2,-800,250,A,1,2,,,7
+0,1,0,,,,251,A,,,,,7
+0,0,1,,,,,,,,0.5,B,
+0,0,2,,,,,,,,,,
+"""
+
+
+def test_what_sensors_read_is_a_row_of_its_own(tmp_path, delta):
+    data = measurement.load(write(tmp_path, SENSED), delta)
+    assert data.readings.sensor.tolist() == ["", "distance", "inclinometer", "distance", "probe", ""]
+    assert data.readings.to.tolist() == ["", "A", "", "A", "B", ""] and data.lines.tolist() == [4, 4, 4, 5, 6, 7]
+    assert data.mask.sum(axis=1).tolist() == [3, 1, 2, 1, 1, 0] and data.pose_id.tolist() == [7, 7, 7, 7, -1, -1]
+    assert data.readings.value[1, 0] == 0.25 and data.readings.value[2, 3] == 1e-3
+    assert data.sigma[1, 0] == 2e-6 and data.stated == (False, False)
+    measurement.save(tmp_path / "out.csv", data)
+    again = measurement.load(tmp_path / "out.csv", delta)
+    assert again.readings.sensor.tolist() == data.readings.sensor.tolist()
+    assert np.allclose(again.readings.value, data.readings.value, equal_nan=True)
+    assert again.readings.options == {"surface_B": "sphere"}
+
+
+@pytest.mark.parametrize(
+    "old, new, problem",
+    [
+        ("250,A", "250,", "distance_mm is given and no station"),
+        ("station,", "stn,", "column 'station' is missing"),
+        ("surface_B = sphere", "surface_B = cube", "surface_B' is 'cube'"),
+        ("sigma_distance_um = 2", "sigma_distance_um = 0", "must be a positive number"),
+        ("distance_mm", "distance", "has no unit"),
+    ],
+)
+def test_sensors_that_are_not_described_are_refused(tmp_path, delta, old, new, problem):
+    assert old in SENSED
+    with pytest.raises(InputError, match=problem):
+        measurement.load(write(tmp_path, SENSED.replace(old, new, 1)), delta)
 
 
 def test_shapes_must_agree(delta):

@@ -1,0 +1,119 @@
+"""From what sensors read to a calibrated robot: the virtual robot's sensors, pcalib's fit, and MuJoCo's landing."""
+
+import numpy as np
+import pytest
+
+from bench import plan as plans
+from bench import simulate
+from bench import truth as truths
+from bench.jobs import instruments
+from bench.kinds import MODELS
+from pcalib import modelfile
+from pcalib.data import measurement
+from pcalib.diagnosis.compare import compare
+from pcalib.diagnosis.diagnose import diagnose
+from pcalib.diagnosis.steps import add
+from pcalib.errors import InputError
+from pcalib.fitting import identification, linearisation
+from pcalib.fitting.unknowns import apply, unknowns_of
+from pcalib.model import Model
+
+SENSORS = """[sensors.ballbar]
+sigma_um = 2
+stations_mm = [300, 0, -1050, -200, 250, -1050, -150, -280, -1050]
+[sensors.inclinometer]
+sigma_urad = 20
+zero_mrad = [3, -2]
+level_mrad = [1, 2]
+turn_deg = 1.5
+[sensors.dial_gauge]
+place_mm = [0, 0, -1100]
+slope = [0.01, -0.02]
+"""
+TOOLS = [np.zeros(3), np.array([0.0, 0.0, -0.15])]
+
+
+def measured(kind="none", n=60, check=0, fault="", sensors=SENSORS, seed=3, plan="random", frame="base"):
+    text = (
+        f'robot = "{MODELS / "delta.toml"}"\n[geometry]\nsigma_length_mm = 0.2\nsigma_angle_deg = 0.05\nseed = {seed}\n'
+        f'[instrument]\nkind = "{kind}"\nframe = "{frame}"\nsigma_pos_um = 15\nsigma_rot_urad = 60\n{sensors}{fault}'
+    )
+    truth = truths.parse(text)
+    plan = plans.make(truth.robot, plan, n, check=check, tools=TOOLS, seed=seed)
+    return truth, simulate.run(truth, plan, seed).measurements
+
+
+@pytest.mark.parametrize("case", instruments.CASES[:1], ids=lambda c: c.name)
+def test_a_robot_calibrated_with_a_ballbar_lands(case):
+    assert instruments.one(case, 7) < case.within
+
+
+@pytest.mark.parametrize("kind, frame", [("none", "base"), ("pose", "tracker")])
+def test_residuals_and_columns_belong_together(kind, frame, delta):
+    _, data = measured(kind, n=12, frame=frame)
+    assert {"distance", "inclinometer", "probe"} <= set(data.readings.sensor)
+    model = linearisation.seen_from(Model.nominal(delta), data)
+    model = model.with_geometry(model.k + 1e-4 * np.random.default_rng(0).standard_normal(len(model.k)))
+    unknowns = unknowns_of(model, "complete", frame=frame == "tracker")
+    linear = linearisation.linearise(model, data, unknowns)
+    sigma = data.sigma[linear.row, linear.component]
+    h = 1e-2 * unknowns.scale
+    for j in range(len(unknowns.names)):
+        step = h[j] * np.eye(len(unknowns.names))[j]
+        ahead, back = (linearisation.residuals(apply(model, unknowns, s), data)[0] for s in (step, -step))
+        slope = (back - ahead)[linear.row, linear.component] / (2 * h[j])
+        size = max(1.0, np.abs(slope).max())
+        off = np.abs(slope - linear.jacobian[:, j] * sigma)
+        sensed = data.readings.sensor[linear.row] != ""
+        assert off[sensed].max() < 2e-6 * size, unknowns.names[j]
+        assert off.max() < 1e-4 * size, unknowns.names[j]  # rotations to first order in the residual
+
+
+def test_a_fit_finds_the_set_up_and_the_file_says_so(tmp_path, delta):
+    _, data = measured(n=80)
+    measurement.save(tmp_path / "data.csv", data)
+    again = measurement.load(tmp_path / "data.csv", delta)
+    fit = identification.fit(again, delta)
+    assert fit.status == "converged" and fit.accuracy.at_the_noise
+    modelfile.save(tmp_path / "m.toml", fit.model)
+    model = modelfile.load(tmp_path / "m.toml")
+    assert [b.name for b in model.setup] == [b.name for b in fit.model.setup]
+    for a, b in zip(model.setup, fit.model.setup, strict=True):
+        assert a.parameters == b.parameters and np.allclose(a.theta, b.theta, rtol=1e-12)
+    place = {b.name: b.theta for b in model.setup}
+    assert np.linalg.norm(place["station A"] - [0.3, 0, -1.05]) < 2e-3  # the base itself is known no better
+    assert compare(model, again).times_noise[0] < 1.2
+
+
+def test_a_hidden_effect_is_found_and_added(delta):
+    fault = "[faults.drive_compliance]\ncompliance_urad_Nm = 30\n"
+    _, data = measured(n=100, check=20, fault=fault, plan="rich", sensors=SENSORS.partition("[sensors.dial")[0])
+    fit = identification.fit(data, delta)
+    found = diagnose(fit.model, data)
+    assert ["drive_compliance"] in [[member.name for member in chosen.members] for chosen in found.sets]
+    step = add(fit.model, data, "drive_compliance")
+    assert step.after.accuracy.at_the_noise
+    value = step.after.candidate.effects[0]
+    assert abs(value.theta[0] - 30e-6) < 4 * value.sigma[0]
+
+
+def test_readings_beside_poses_sharpen_a_fit(delta):
+    _, both = measured("position", n=40)
+    alone = both.take(both.readings.sensor == "")
+    a, b = (identification.fit(data, delta).covariance for data in (alone, both))
+    geometry = slice(0, len(delta.mechanism.nominal))
+    assert np.trace(b[geometry, geometry]) < 0.7 * np.trace(a[geometry, geometry])
+
+
+def test_a_station_with_too_few_readings_is_named(delta):
+    _, data = measured(n=40)
+    station = (data.readings.sensor == "distance") & (data.readings.to == "C")
+    few = data.take(np.flatnonzero(~station | (np.cumsum(station) <= 2)))
+    with pytest.raises(InputError, match="2 readings to station C, which has 3 unknowns"):
+        identification.fit(few, delta)
+
+
+def test_a_model_that_knows_no_set_up_says_so(delta):
+    _, data = measured(n=12)
+    with pytest.raises(InputError, match="does not know station A"):
+        linearisation.residuals(Model.nominal(delta), data)
