@@ -83,8 +83,8 @@ CASES = (
     Case("ballbar, one tool", 120, f'kind = "none"\n{_BAR}', tools=1, short=True),
     Case("probe 5 µm, inclinometer 100 µrad", 60, f'kind = "none"\n{_PROBE}{_LEVEL.format(100)}', 1, 40e-6),
     Case("probe 5 µm alone", 60, f'kind = "none"\n{_PROBE}', 1),
-    Case("camera 20 and 100 µm, σ by component", 60, _CAMERA, within=20e-6),
-    Case("camera, one σ for all", 60, f"{_CAMERA}state_axes = false\n"),
+    Case("camera 20 and 100 µm, σ by component", 80, _CAMERA, within=20e-6),
+    Case("camera, one σ for all", 80, f"{_CAMERA}state_axes = false\n"),
 )
 
 
