@@ -1,6 +1,7 @@
 """C99 for controllers: forward and inverse kinematics of the calibrated robot in one file, without dependencies.
 
-The numbers of the model are a table at the top of the file; below it stands `kernel.c`, the same for all robots.
+The numbers of the model are a table at the top of the file; below it stand `kernel.c`, which also solves batches in
+:mod:`pcalib.mechanics.native`, and `controller.c`, the same for all robots.
 """
 
 from __future__ import annotations
@@ -96,8 +97,9 @@ def header(rods: Rods) -> str:
 
 def code(rods: Rods) -> str:
     """The code: table and kernel."""
-    kernel = resources.files("pcalib.export").joinpath("kernel.c").read_text(encoding="utf-8")
-    return f"{table(rods)}\n{kernel}"
+    folder = resources.files("pcalib.export")
+    parts = [folder.joinpath(name).read_text(encoding="utf-8") for name in ("kernel.c", "controller.c")]
+    return "\n".join([table(rods), *parts])
 
 
 def table(rods: Rods) -> str:
