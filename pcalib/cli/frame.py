@@ -199,8 +199,10 @@ def plain(value: Any) -> Any:
 def _version() -> str:
     from importlib import metadata
 
+    from pcalib.mechanics import extension
+
     try:
-        return metadata.version("pcalib")
+        return f"{metadata.version('pcalib')} ({extension.about()})"
     except metadata.PackageNotFoundError:
         return "not installed"
 

@@ -127,7 +127,7 @@ def table(rods: Rods) -> str:
         _array("SINE", rods.sine), _array("SLOPE", rods.slope), _array("PIVOT", rods.pivot),
         _array("LENGTH", rods.length), _array("RATE", rods.rate), _array("PLATE", rods.plate),
         _array("GUIDE_COSINE", rods.guide_cosine), _array("GUIDE_SINE", rods.guide_sine),
-        _array("GUIDE_LENGTH", _turned_length(rods)),
+        _array("GUIDE_LENGTH", rods.guide_length),
         _array("HINGE_POINT", rods.hinge_point) if hinges else "",
         _array("HINGE_AXIS", rods.hinge_axis) if hinges else "", _array("RATIO", rods.ratio),
         _array("CYCLES", np.array([float(n) for n, _ in waves])),
@@ -144,16 +144,6 @@ def table(rods: Rods) -> str:
         + "\n\n/* ---- the calibrated robot [m, rad, 1/K] ---- */\n\n"
         + "\n".join(a for a in arrays if a)
     )
-
-
-def _turned_length(rods: Rods) -> np.ndarray:
-    """(m,) [m] length of the rod that a guided row turns, which joins the same anchors; 1 on plain rods."""
-    out = np.ones(len(rods.rods))
-    for g in np.flatnonzero(rods.guided):
-        same = np.abs(rods.centre - rods.centre[g]).max(axis=1) + np.abs(rods.plate - rods.plate[g]).max(axis=1)
-        same[rods.guided] = np.inf
-        out[g] = rods.length[int(np.argmin(same))]
-    return out
 
 
 def _array(name: str, values: np.ndarray, sort: str = "double") -> str:

@@ -49,6 +49,8 @@ int pcalib_forward(const double q[NQ], const double tool[3], const pcalib_condit
     int i;
     memcpy(command, q, sizeof command);
     start(q, x, R, phi);
+    base_side(q, &warm, &at);
+    plate_side(phi, at.b);
     worst = newton(0, command, &warm, x, R, phi, origin, identity, &at);
     turn3(R, tool, arm);
     for (i = 0; i < 3; i++) pose->plate[i] = x[i], pose->position[i] = x[i] + arm[i];
@@ -63,20 +65,16 @@ int pcalib_inverse(
     static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     const warming warm = warmer(conditions);
     const double *R0 = rotation ? rotation : identity;
-    double p[3], R[9], phi[H + 1], b[M][3], x[3], arm[3], worst;
+    double p[3], R[9], phi[H + 1], x[3], arm[3], worst;
     closure at;
     int i, status;
     memcpy(R, R0, sizeof R);
-#if H > 0
-    for (i = 0; i < H; i++) { /* hinged bodies stay nearest to their turn at R = I, as parallel rods hold them */
-        const double v[3] = {R[7] - R[5], R[2] - R[6], R[3] - R[1]};
-        phi[i] = -2.0 * atan2(DOT(v, HINGE_AXIS[i]), 1.0 + R[0] + R[4] + R[8]);
-    }
-#endif
+    level(R, phi);
     turn3(R, tool, arm);
     for (i = 0; i < 3; i++) p[i] = position[i], x[i] = p[i] - arm[i];
-    plate_side(phi, b);
-    first_commands(x, R, b, q);
+    plate_side(phi, at.b);
+    first_commands(x, R, &at, q);
+    base_side(q, &warm, &at);
     if (LOOSE) { /* a translation that no command prescribes is solved for */
         double near[3], turned[9], carried[3], ignored[H + 1];
         start(q, near, turned, ignored);

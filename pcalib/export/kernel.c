@@ -23,6 +23,9 @@ typedef double real;
 #define DOT(a, b) ((a)[0] * (b)[0] + (a)[1] * (b)[1] + (a)[2] * (b)[2])
 
 typedef struct {
+    real A[M][3];  /* base-side anchors */
+    real l[M];     /* lengths */
+    real b[M][3];  /* plate-side anchors, plate frame, hinges turned */
     real d[M][3];  /* B - A */
     real n[M][3];  /* unit direction, or guide */
     real r[M][3];  /* B minus the reference point, base frame */
@@ -87,8 +90,8 @@ typedef struct {
     double rods, arms, base;
 } warming;
 
-/* Base-side anchors A and lengths l, with their derivatives by q, of every rod. */
-static void base_side(const real q[NQ], const warming *warm, real A[M][3], real l[M], closure *at)
+/* Base-side anchors and lengths, with their derivatives by q, of every rod. */
+static void base_side(const real q[NQ], const warming *warm, closure *at)
 {
     const real zero = {0.0};
     real c[NQ], s[NQ], true_q[NQ], rate[NQ], c0[NQ], s0[NQ];
@@ -110,21 +113,21 @@ static void base_side(const real q[NQ], const warming *warm, real A[M][3], real 
         const int a = ACTUATOR[r];
         const double arm = ARMS_GROW ? ARM_GROWTH[r] * warm->arms : 0.0;
         for (i = 0; i < 3; i++) {
-            A[r][i] = CENTRE[r][i] + COSINE[r][i] * c[a] + SINE[r][i] * s[a] + SLOPE[r][i] * true_q[a];
+            at->A[r][i] = CENTRE[r][i] + COSINE[r][i] * c[a] + SINE[r][i] * s[a] + SLOPE[r][i] * true_q[a];
             at->dA[r][i] = rate[a] * (SINE[r][i] * c[a] - COSINE[r][i] * s[a] + SLOPE[r][i]);
             if (ARMS_GROW) { /* the arm grows from its base point, at the commanded angle */
                 const real out = CENTRE[r][i] + COSINE[r][i] * c0[a] + SINE[r][i] * s0[a] + SLOPE[r][i] * q[a];
-                A[r][i] += arm * (out - PIVOT[r][i]);
+                at->A[r][i] += arm * (out - PIVOT[r][i]);
                 at->dA[r][i] += arm * (SINE[r][i] * c0[a] - COSINE[r][i] * s0[a] + SLOPE[r][i]);
             }
-            if (BASE_GROWS) A[r][i] += BASE_GROWTH[r] * warm->base * PIVOT[r][i];
+            if (BASE_GROWS) at->A[r][i] += BASE_GROWTH[r] * warm->base * PIVOT[r][i];
             at->n[r][i] = GUIDED[r] ? GUIDE_COSINE[r][i] * c[a] + GUIDE_SINE[r][i] * s[a] : zero;
             at->dn[r][i] = GUIDED[r] ? rate[a] * (GUIDE_SINE[r][i] * c[a] - GUIDE_COSINE[r][i] * s[a]) : zero;
         }
-        l[r] = LENGTH[r] + RATE[r] * true_q[a];
+        at->l[r] = LENGTH[r] + RATE[r] * true_q[a];
         at->dl[r] = RATE[r] * rate[a];
         if (RODS_GROW) {
-            l[r] += ROD_GROWTH[r] * warm->rods * (LENGTH[r] + RATE[r] * q[a]);
+            at->l[r] += ROD_GROWTH[r] * warm->rods * (LENGTH[r] + RATE[r] * q[a]);
             at->dl[r] += ROD_GROWTH[r] * warm->rods * RATE[r];
         }
     }
@@ -154,25 +157,34 @@ static void plate_side(const real *phi, real b[M][3])
 #endif
 }
 
-/* The closure with the reference point (plate frame) at p; the largest loop error. */
-static real close_loops(
-    const real q[NQ], const warming *warm, const real p[3], const real R[9], const real *phi, const real reference[3],
-    real b[M][3], closure *at)
+/* Hinge angles that keep bodies nearest to their turn at R = I, as parallel rods hold them. */
+static void level(const real R[9], real *phi)
 {
-    real A[M][3], l[M], arm[3], worst = {0.0};
+#if H > 0
+    const real v[3] = {R[7] - R[5], R[2] - R[6], R[3] - R[1]};
+    int i;
+    for (i = 0; i < H; i++) phi[i] = -2.0 * ATAN2(DOT(v, HINGE_AXIS[i]), 1.0 + R[0] + R[4] + R[8]);
+#else
+    (void)R;
+    (void)phi;
+#endif
+}
+
+/* The closure with the reference point (plate frame) at p; the largest loop error. */
+static real close_loops(const real p[3], const real R[9], const real reference[3], closure *at)
+{
+    real arm[3], worst = {0.0};
     int r, i;
-    base_side(q, warm, A, l, at);
-    plate_side(phi, b);
     for (r = 0; r < M; r++) {
-        for (i = 0; i < 3; i++) arm[i] = b[r][i] - reference[i];
+        for (i = 0; i < 3; i++) arm[i] = at->b[r][i] - reference[i];
         turn3(R, arm, at->r[r]);
-        for (i = 0; i < 3; i++) at->d[r][i] = p[i] + at->r[r][i] - A[r][i];
+        for (i = 0; i < 3; i++) at->d[r][i] = p[i] + at->r[r][i] - at->A[r][i];
         if (GUIDED[r]) {
-            at->f[r] = DOT(at->n[r], at->d[r]) - l[r];
+            at->f[r] = DOT(at->n[r], at->d[r]) - at->l[r];
         } else {
             const real size = SQRT(DOT(at->d[r], at->d[r])), inverse = 1.0 / size;
             for (i = 0; i < 3; i++) at->n[r][i] = at->d[r][i] * inverse;
-            at->f[r] = size - l[r];
+            at->f[r] = size - at->l[r];
         }
         worst = SELECT(FABS(at->f[r]) <= worst, worst, FABS(at->f[r]) + 0.0 * worst); /* NaN stays */
     }
@@ -180,7 +192,7 @@ static real close_loops(
 }
 
 /* Derivative of f_r by component c of the plate's state: twist at the reference point, then hinge angles. */
-static real by_state(const closure *at, const real R[9], real b[M][3], int r, int c)
+static real by_state(const closure *at, const real R[9], int r, int c)
 {
     const real zero = {0.0};
     real v[3];
@@ -195,7 +207,7 @@ static real by_state(const closure *at, const real R[9], real b[M][3], int r, in
         const double *axis = HINGE_AXIS[c - ND], *point = HINGE_POINT[c - ND];
         real arm[3], swing[3];
         int i;
-        for (i = 0; i < 3; i++) arm[i] = b[r][i] - point[i];
+        for (i = 0; i < 3; i++) arm[i] = at->b[r][i] - point[i];
         v[0] = axis[1] * arm[2] - axis[2] * arm[1];
         v[1] = axis[2] * arm[0] - axis[0] * arm[2];
         v[2] = axis[0] * arm[1] - axis[1] * arm[0];
@@ -204,7 +216,6 @@ static real by_state(const closure *at, const real R[9], real b[M][3], int r, in
     }
 #else
     (void)R;
-    (void)b;
 #endif
     return zero;
 }
@@ -270,20 +281,21 @@ static void keep_yaw(real R[9], const real R0[9])
 }
 
 /* Newton from q, p, R and phi, which become the solution; the largest loop error that is left. The unknowns are all of
- * the plate's state, or commands and the state that they leave free, while the reference point stays. */
+ * the plate's state, or commands and the state that they leave free, while the reference point stays. Both sides are
+ * at these commands and hinges. */
 static real newton(
     int inverse, real q[NQ], const warming *warm, real p[3], real R[9], real *phi, const real reference[3],
     const real R0[9], closure *at)
 {
     const real zero = {0.0};
     const int fixed = inverse ? NQ : 0; /* columns of commands */
-    real b[M][3], worst = close_loops(q, warm, p, R, phi, reference, b, at);
+    real worst = close_loops(p, R, reference, at);
     int round, last = 0, i, r, c;
     for (round = 0; round < ROUNDS && !last && ANY(worst < 1e6); round++) {
         real J[M][M], step[M], w[3], turn[9], turned[9];
         for (r = 0; r < M; r++) {
             for (i = 0; i < fixed; i++) J[r][i] = ACTUATOR[r] == i ? by_actuator(at, r) : zero;
-            for (c = 0; c < M - fixed; c++) J[r][fixed + c] = by_state(at, R, b, r, inverse ? FREE[c] : c);
+            for (c = 0; c < M - fixed; c++) J[r][fixed + c] = by_state(at, R, r, inverse ? FREE[c] : c);
             step[r] = -at->f[r];
         }
         last = !ANY(worst > NEARLY); /* Newton squares the error: one more step leaves rounding */
@@ -301,7 +313,9 @@ static real newton(
         matmul3(turn, R, turned);
         for (i = 0; i < 9; i++) R[i] = turned[i];
         if (inverse && KEEP_YAW) keep_yaw(R, R0);
-        worst = close_loops(q, warm, p, R, phi, reference, b, at);
+        if (inverse) base_side(q, warm, at);
+        if (H > 0) plate_side(phi, at->b);
+        worst = close_loops(p, R, reference, at);
     }
     orthonormal(R);
     return worst;
@@ -325,7 +339,7 @@ static real margin(const closure *at, const real R[9], const real R0[9])
 }
 
 /* Closed-form commands for a plate pose, the mean over each actuator's rods; NaN where a rod does not reach. */
-static void first_commands(const real x[3], const real R[9], real b[M][3], real q[NQ])
+static void first_commands(const real x[3], const real R[9], const closure *at, real q[NQ])
 {
     const real zero = {0.0};
     real along[NQ], across[NQ], sum[NQ]; /* directions of arms are added as vectors, what slides as numbers */
@@ -335,7 +349,7 @@ static void first_commands(const real x[3], const real R[9], real b[M][3], real 
         const int a = ACTUATOR[r];
         const double size = DOT(COSINE[r], COSINE[r]), speed = DOT(SLOPE[r], SLOPE[r]);
         real B[3], d[3], square;
-        turn3(R, b[r], B);
+        turn3(R, at->b[r], B);
         for (i = 0; i < 3; i++) d[i] = x[i] + B[i] - CENTRE[r][i];
         square = DOT(d, d);
         if (GUIDED[r]) { /* the rod that the drive turns reaches the commanded x */

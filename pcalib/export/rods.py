@@ -18,12 +18,11 @@ from pcalib import rotation
 from pcalib.effects.base import ClosedForm
 from pcalib.errors import EffectError, InputError
 from pcalib.mechanics import kinematics
-from pcalib.mechanics.mechanism import BaseSide, Mechanism, Pose
+from pcalib.mechanics.mechanism import Pose
+from pcalib.mechanics.paths import SAME, base_paths
 from pcalib.model import Model
 from pcalib.workspace import reachable
 
-SAME = 1e-12
-"""[m] by which an anchor may miss the circle or line that was read off it: rounding leaves 1e-16."""
 SAMPLE = 600
 """Poses over the workspace to which the start of the forward solution is fitted: twenty for each of the 28 terms of a
 robot of six drives."""
@@ -62,6 +61,8 @@ class Rods:
     guide_cosine: np.ndarray
     guide_sine: np.ndarray
     """(m, 3); zero on plain rods."""
+    guide_length: np.ndarray
+    """(m,) [m] length of the rod that a guided row turns, which joins the same anchors; 1 on plain rods."""
     hinge_point: np.ndarray
     hinge_axis: np.ndarray
     """(h, 3) [m, 1], plate frame."""
@@ -104,7 +105,12 @@ def rods_of(model: Model) -> Rods:
     """
     robot, mechanism, k = model.robot, model.robot.mechanism, model.k
     m, nq = len(mechanism.rods), len(mechanism.actuators)
-    paths = _paths(mechanism, k)
+    paths = base_paths(mechanism, k)
+    if paths.misses(mechanism, k) > SAME:
+        raise InputError(
+            f"robots of kind {mechanism.kind} cannot be exported: their base-side joints run neither on circles nor "
+            "on straight lines"
+        )
     effects = _closed_forms(model)
     points = mechanism.base_points
     pivot = k[points][mechanism.actuator] if len(points) else np.zeros((m, 3))
@@ -120,7 +126,7 @@ def rods_of(model: Model) -> Rods:
         name=robot.name, kind=robot.kind, actuators=mechanism.actuators, rods=mechanism.rods,
         dimension=mechanism.actuator_dimension, joint_range=(float(robot.joint_min), float(robot.joint_max)),
         actuator=mechanism.actuator, body=np.zeros(m, int) if mechanism.body is None else mechanism.body,
-        **paths, pivot=pivot, plate=mechanism.plate_points(k),
+        **vars(paths), pivot=pivot, plate=mechanism.plate_points(k),
         hinge_point=np.array([h.point for h in hinges]).reshape(-1, 3),
         hinge_axis=np.array([h.axis for h in hinges]).reshape(-1, 3),
         dofs=mechanism.plate_dofs, task=mechanism.task, rod_side=mechanism.rod_side, max_tilt=mechanism.max_tilt,
@@ -136,41 +142,6 @@ def polynomial(u: np.ndarray) -> np.ndarray:
     n = u.shape[1]
     square = [u[:, i] * u[:, j] for i in range(n) for j in range(i, n)]
     return np.column_stack([np.ones(len(u)), u, *square])
-
-
-def _paths(mechanism: Mechanism, k: np.ndarray) -> dict[str, np.ndarray]:
-    """O, C, S, D, L, s and guides, read off the anchors at zero and at a quarter turn."""
-    nq = len(mechanism.actuators)
-
-    def at(q: float) -> BaseSide:
-        return mechanism.actuation.base(k, np.full((1, nq), q))
-
-    zero, quarter = at(0.0), at(0.5 * np.pi)
-    m = zero.A.shape[1]
-    straight = np.all(np.abs(zero.dA[0] - quarter.dA[0]) < SAME, axis=1)[:, None]
-    cosine = np.where(straight, 0.0, -quarter.dA[0])
-    sine = np.where(straight, 0.0, zero.dA[0])
-    slope = np.where(straight, zero.dA[0], 0.0)
-    rate = np.broadcast_to(zero.dlength, (1, m))[0].copy()
-    length = np.broadcast_to(zero.length, (1, m))[0].copy()
-    guided = np.zeros(m, bool)
-    guides = np.zeros((2, m, 3))
-    if zero.guide is not None and quarter.guide is not None:
-        guided = ~np.isnan(zero.guide[0, :, 0])
-        guides = np.nan_to_num(np.stack([zero.guide[0], quarter.guide[0]]))
-    paths = {
-        "centre": zero.A[0] - cosine, "cosine": cosine, "sine": sine, "slope": slope, "length": length, "rate": rate,
-        "guided": guided, "guide_cosine": guides[0], "guide_sine": guides[1],
-    }  # fmt: skip
-    q = 0.7
-    there = at(q)
-    A = paths["centre"] + np.cos(q) * cosine + np.sin(q) * sine + q * slope
-    if np.max(np.abs(A - there.A[0])) > SAME or np.max(np.abs(length + q * rate - there.length)) > SAME:
-        raise InputError(
-            f"robots of kind {mechanism.kind} cannot be exported: their base-side joints run neither on circles nor "
-            "on straight lines"
-        )
-    return paths
 
 
 def _closed_forms(model: Model) -> list[ClosedForm]:

@@ -57,6 +57,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         },
         closed_form_inverse=True,
         start=lambda k, q: simplified_pose(actuation, plate_columns, k, q),
+        level_pairs=True,
     )
 
 

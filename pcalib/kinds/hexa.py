@@ -11,7 +11,7 @@ from pcalib.kinds import Kind, azimuths, radius, size
 from pcalib.kinds.delta import simplified_pose
 from pcalib.mechanics.actuation import RotaryArms
 from pcalib.mechanics.layout import Block, Layout, arm_columns
-from pcalib.mechanics.mechanism import Mechanism
+from pcalib.mechanics.mechanism import Mechanism, Pose
 
 ARMS = ("1", "2", "3", "4", "5", "6")
 
@@ -31,8 +31,11 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
     )
     actuation = arms(layout, azimuth)
     plate_columns = layout.vectors("b", ARMS)
-    # The middle of each pair is one virtual rod of a Delta: a start with the plate level.
-    return six_arms("hexa", layout, actuation, u, lambda k, q: simplified_pose(actuation, plate_columns, k, q))
+
+    def start(k: np.ndarray, q: np.ndarray) -> Pose:  # each pair is one virtual rod of a Delta, the plate level
+        return simplified_pose(actuation, plate_columns, k, q)
+
+    return six_arms("hexa", layout, actuation, u, start, level_pairs=True)
 
 
 def arms(layout: Layout, azimuth: np.ndarray) -> RotaryArms:
@@ -47,7 +50,9 @@ def arms(layout: Layout, azimuth: np.ndarray) -> RotaryArms:
     )
 
 
-def six_arms(kind: str, layout: Layout, actuation: RotaryArms, u: np.ndarray, start: Any) -> Mechanism:
+def six_arms(
+    kind: str, layout: Layout, actuation: RotaryArms, u: np.ndarray, start: Any, level_pairs: bool = False
+) -> Mechanism:
     """The mechanism of six arms with motor axes u (6, 3) that move a plate in all six directions."""
     return Mechanism(
         kind=kind,
@@ -69,6 +74,7 @@ def six_arms(kind: str, layout: Layout, actuation: RotaryArms, u: np.ndarray, st
             "complete": layout.complete_level(),
         },
         start=start,
+        level_pairs=level_pairs,
         task=(0, 1, 2, 3, 4, 5),
     )
 

@@ -58,6 +58,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         plate_columns=plate_columns,
         levels=_levels(layout, u, v, dimensions["tower_radius"] - dimensions["plate_radius"]),
         start=lambda k, q: simplified_pose(actuation, plate_columns, k, q),
+        level_pairs=True,
     )
 
 

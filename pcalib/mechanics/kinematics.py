@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pcalib import rotation
+from pcalib.mechanics import native
 from pcalib.mechanics.loops import RIGID as RIGID
 from pcalib.mechanics.loops import Closure as Closure
 from pcalib.mechanics.loops import Deviation as Deviation
@@ -206,6 +207,31 @@ def forward(
         Solution, with a status per pose: nothing is raised for a pose that cannot be reached.
     """
     q = np.atleast_2d(np.asarray(q, float))
+    if deviation.none and tolerance == TOLERANCE and max_iterations >= native.ROUNDS:
+        found = native.forward(mechanism, k, q, start)
+        if found is not None:
+            return _completed(found, lambda rows: _forward(mechanism, k, q[rows], start and start.take(rows)))
+    return _forward(mechanism, k, q, start, deviation, tolerance, max_iterations)
+
+
+def _completed(found: native.Found, remaining: Callable[[np.ndarray], Solution]) -> Solution:
+    """What the extension solved, and what is left to NumPy."""
+    status = np.full(len(found.q), "ok", dtype="<U13")
+    out = Solution(found.q, found.pose, status, native.ROUNDS, found.residual)
+    rows = np.flatnonzero(~found.solved)
+    return out.put(rows, remaining(rows)) if len(rows) else out
+
+
+def _forward(
+    mechanism: Mechanism,
+    k: np.ndarray,
+    q: np.ndarray,
+    start: Pose | None = None,
+    deviation: Deviation = RIGID,
+    tolerance: float = TOLERANCE,
+    max_iterations: int = 40,
+) -> Solution:
+    """:func:`forward` in NumPy, for commands (N, nq)."""
     origin = np.zeros(3)
 
     def run(rows: np.ndarray, pose: Pose, reference: np.ndarray, count: int, most: int) -> Solution:
@@ -269,6 +295,31 @@ def inverse(
         start: an earlier solution to start from; the closed-form inverse at R when absent.
     """
     position = np.atleast_2d(np.asarray(position, float))
+    if start is None and deviation.none and tolerance == TOLERANCE and max_iterations >= native.ROUNDS:
+        t, R = np.asarray(tool, float), rotation_matrix
+        found = native.inverse(mechanism, k, position, R, t)
+        if found is not None:
+
+            def remaining(rows: np.ndarray) -> Solution:
+                turn = None if R is None else R[rows]
+                return _inverse(mechanism, k, position[rows], turn, t[rows] if t.ndim == 2 else t)
+
+            return _completed(found, remaining)
+    return _inverse(mechanism, k, position, rotation_matrix, tool, start, deviation, tolerance, max_iterations)
+
+
+def _inverse(
+    mechanism: Mechanism,
+    k: np.ndarray,
+    position: np.ndarray,
+    rotation_matrix: np.ndarray | None = None,
+    tool: np.ndarray | float = 0.0,
+    start: Solution | None = None,
+    deviation: Deviation = RIGID,
+    tolerance: float = TOLERANCE,
+    max_iterations: int = 40,
+) -> Solution:
+    """:func:`inverse` in NumPy, for positions (N, 3)."""
     N = len(position)
     if rotation_matrix is None:
         rotation_matrix = np.broadcast_to(np.eye(3), (N, 3, 3))

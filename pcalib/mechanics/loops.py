@@ -27,6 +27,11 @@ class Deviation:
     plate: np.ndarray | None = None
     """(N, m, 3) [m], plate frame: displacement of the plate-side anchors."""
 
+    @property
+    def none(self) -> bool:
+        """Whether nothing deviates."""
+        return all(v is None for v in vars(self).values())
+
     def take(self, rows: np.ndarray | slice) -> Deviation:
         """The deviations of some rows."""
         return Deviation(*(None if v is None else v[rows] for v in vars(self).values()))

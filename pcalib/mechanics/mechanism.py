@@ -218,6 +218,8 @@ class Mechanism:
     levels: Mapping[str, Level]
     start: Callable[[np.ndarray, np.ndarray], Pose]
     """Approximate plate poses for (k, q): where Newton starts."""
+    level_pairs: bool = False
+    """Whether `start` takes rods 2j and 2j + 1 as one virtual rod: three spheres meet below, the plate unturned."""
     task: tuple[int, ...] = (0, 1, 2)
     """Which of (x y z rx ry rz) a command prescribes; as many as there are actuators."""
     plate_dofs: tuple[int, ...] = (0, 1, 2, 3, 4, 5)

@@ -1,0 +1,255 @@
+/* Forward and inverse kinematics of batches of poses: the kernel of the exported C, compiled for vectors of poses.
+ *
+ * Every shape of robot (numbers of drives, rods and hinges, and which hangs on which) is a file of its own that includes
+ * this one, so that all loops have known bounds. Loaded by pcalib/mechanics/native.py, which says what is passed.
+ */
+#include <math.h>
+#include <string.h>
+
+#if defined(__x86_64__) && defined(__GNUC__)
+#pragma GCC target("avx2,fma")
+#define HERE __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")
+#else
+#define HERE 1
+#endif
+
+#define LANES 4
+typedef double real __attribute__((vector_size(8 * LANES)));
+typedef long long mask __attribute__((vector_size(8 * LANES)));
+
+static inline real chosen(mask where, real a, real b) { return (real)((where & (mask)a) | (~where & (mask)b)); }
+static inline int any(mask where)
+{
+    long long out = 0;
+    int l;
+    for (l = 0; l < LANES; l++) out |= where[l];
+    return out != 0;
+}
+static inline real FABS(real a) { return (real)((mask)a & 0x7fffffffffffffffLL); }
+static inline real SQRT(real a)
+{
+    int l;
+    for (l = 0; l < LANES; l++) a[l] = sqrt(a[l]);
+    return a;
+}
+static inline real ATAN2(real y, real x)
+{
+    int l;
+    for (l = 0; l < LANES; l++) y[l] = atan2(y[l], x[l]);
+    return y;
+}
+
+/* Sine of a + quarter * pi / 2: remainder by pi / 2 in three parts (Cody and Waite), polynomials of fdlibm's k_sin and
+ * k_cos (Sun Microsystems 1993). Exact to rounding up to 1e5 rad, which no joint reaches. */
+static inline real sine(real a, double quarter)
+{
+    const double big = 6755399441055744.0; /* 1.5 * 2^52: adding it rounds to a whole number in the lowest bits */
+    const real turned = a * 0.63661977236758134308 + big, n = turned - big;
+    const mask whole = (mask)turned + (long long)quarter;
+    const real x = ((a - n * 1.57079632673412561417e+00) - n * 6.07710050630396597660e-11) - n * 2.02226624879595063154e-21;
+    const real z = x * x;
+    const real s = x + x * z * (-1.66666666666666324348e-01 + z * (8.33333333332248946124e-03
+        + z * (-1.98412698298579493134e-04 + z * (2.75573137070700676789e-06
+        + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)))));
+    const real c = 1.0 - 0.5 * z + z * z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03
+        + z * (2.48015872894767294178e-05 + z * (-2.75573143513906633035e-07
+        + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)))));
+    const real out = chosen((whole & 1) != 0, c, s);
+    return (real)((mask)out ^ ((whole & 2) << 62));
+}
+#define SIN(a) sine(a, 0.0)
+#define COS(a) sine(a, 1.0)
+#define ANY(condition) any(condition)
+#define SELECT(condition, a, b) chosen(condition, a, b)
+
+#define ROUNDS 10    /* easy poses need three to five; what is left is solved by NumPy */
+#define NEARLY 1e-9  /* as in the exported code */
+#define CLOSED 1e-14 /* TOLERANCE of kinematics.py */
+
+/* Effects come as deviations, which are left to NumPy. */
+#define WAVES 0
+#define RODS_GROW 0
+#define ARMS_GROW 0
+#define BASE_GROWS 0
+static const double NONE[16], *const NO_WAVES[1];
+#define RATIO NONE
+#define CYCLES NONE
+#define WAVE_SINE NO_WAVES
+#define WAVE_COSINE NO_WAVES
+#define ROD_GROWTH NONE
+#define ARM_GROWTH NONE
+#define BASE_GROWTH NONE
+#define PIVOT T->centre
+
+/* The numbers of a robot: see table() of native.py, which writes them in this order. */
+#define CENTRE T->centre
+#define COSINE T->cosine
+#define SINE T->sine
+#define SLOPE T->slope
+#define LENGTH T->length
+#define RATE T->rate
+#define PLATE T->plate
+#define GUIDE_COSINE T->guide_cosine
+#define GUIDE_SINE T->guide_sine
+#define GUIDE_LENGTH T->guide_length
+#define HINGE_POINT T->hinge_point
+#define HINGE_AXIS T->hinge_axis
+#define TURNS (T->turns != 0.0)
+#define ROD_SIDE T->rod_side
+#define MAX_TILT T->max_tilt
+
+static const int ACTUATOR[] = {ACTUATORS}, GUIDED[] = {GUIDES}, DOF[] = {DOFS}, FREE[] = {FREES};
+#if H > 0
+static const int BODY[] = {BODIES};
+#endif
+
+typedef struct {
+    double centre[M][3], cosine[M][3], sine[M][3], slope[M][3], length[M], rate[M], plate[M][3];
+    double guide_cosine[M][3], guide_sine[M][3], guide_length[M];
+    double turns, rod_side, max_tilt;
+#if H > 0
+    double hinge_point[H][3], hinge_axis[H][3];
+#endif
+} table;
+
+static const table *T; /* of the call that runs: the interpreter's lock is held */
+
+#include "kernel.c"
+
+/* Rows i to i + LANES of an array of n rows, the last one again beyond its end; and back. */
+static void load(const double *from, long n, long i, int width, real *to)
+{
+    int l, c;
+    for (l = 0; l < LANES; l++) {
+        const double *row = from + width * (i + l < n ? i + l : n - 1);
+        for (c = 0; c < width; c++) to[c][l] = row[c];
+    }
+}
+
+static void store(const real *from, long n, long i, int width, double *to)
+{
+    int l, c;
+    for (l = 0; l < LANES && i + l < n; l++)
+        for (c = 0; c < width; c++) to[width * (i + l) + c] = from[c][l];
+}
+
+static void unturned(real R[9])
+{
+    const real zero = {0.0};
+    int c;
+    for (c = 0; c < 9; c++) R[c] = c % 4 ? zero : 1.0 + zero;
+}
+
+/* A start for Newton with the plate unturned: rods 2j and 2j + 1 are one virtual rod, and the lower of the two points
+ * in which three spheres meet is the plate; as trilaterate() of kinds/delta.py. NaN where they do not meet. */
+static void meet(const closure *at, real x[3])
+{
+#if M == 6
+    real c[3][3], square[3], e[3], f[3], ee, ff, ef, ge, gf, det, u, v, foot[3], normal[3], size, height;
+    int i, j;
+    for (j = 0; j < 3; j++) {
+        const real l = 0.5 * (at->l[2 * j] + at->l[2 * j + 1]);
+        square[j] = l * l;
+        for (i = 0; i < 3; i++)
+            c[j][i] = 0.5 * (at->A[2 * j][i] + at->A[2 * j + 1][i] - at->b[2 * j][i] - at->b[2 * j + 1][i]);
+    }
+    for (i = 0; i < 3; i++) e[i] = c[1][i] - c[0][i], f[i] = c[2][i] - c[0][i];
+    ee = DOT(e, e), ff = DOT(f, f), ef = DOT(e, f);
+    ge = 0.5 * (ee + square[0] - square[1]), gf = 0.5 * (ff + square[0] - square[2]);
+    det = 1.0 / (ee * ff - ef * ef);
+    u = (ge * ff - gf * ef) * det, v = (gf * ee - ge * ef) * det;
+    for (i = 0; i < 3; i++) foot[i] = u * e[i] + v * f[i];
+    cross3(e, f, normal);
+    size = SQRT((square[0] - DOT(foot, foot)) * det);
+    height = SELECT(normal[2] > 0.0, -size, size);
+    for (i = 0; i < 3; i++) x[i] = c[0][i] + foot[i] + height * normal[i];
+#else
+    (void)at;
+    (void)x;
+#endif
+}
+
+/* What is left of the loops' errors, and whether a pose is solved: closed to rounding on the working branch. */
+static void judge(
+    const closure *at, const real R[9], const real R0[9], real worst, long n, long i, double *residual, char *solved)
+{
+    const real room = margin(at, R, R0);
+    int l;
+    store(&worst, n, i, 1, residual);
+    for (l = 0; l < LANES && i + l < n; l++) solved[i + l] = worst[l] <= CLOSED && room[l] > 0.0;
+}
+
+#define JOINED(a, b) a##b
+#define NAMED(shape, what) JOINED(shape, what)
+
+/* What fits this shape, beside the numbers: native.py compares it with a mechanism. */
+const int NAMED(SHAPE, _topology)[] = {NQ, M, H, ND, TILT_FREE, KEEP_YAW, ACTUATORS, BODIES, GUIDES, DOFS, FREES};
+
+int NAMED(SHAPE, _runs_here)(void) { return HERE; }
+
+/* x, R and phi are where to start if `started`, and the solution. */
+void NAMED(SHAPE, _forward)(
+    const double *numbers, long n, int started, const double *commands, double *x, double *R, double *phi,
+    double *residual, char *solved)
+{
+    const real origin[3] = {{0.0}};
+    const warming none = {0.0, 0.0, 0.0};
+    long i;
+    T = (const table *)numbers;
+    for (i = 0; i < n; i += LANES) {
+        real q[NQ], p[3] = {{0.0}}, turn[9], turn0[9], hinge[H + 1], worst;
+        closure at;
+        load(commands, n, i, NQ, q);
+        base_side(q, &none, &at);
+        if (started) {
+            load(x, n, i, 3, p);
+            load(R, n, i, 9, turn);
+            load(phi, n, i, H, hinge);
+            plate_side(hinge, at.b);
+        } else {
+            unturned(turn);
+            plate_side(hinge, at.b);
+            meet(&at, p);
+        }
+        memcpy(turn0, turn, sizeof turn);
+        worst = newton(0, q, &none, p, turn, hinge, origin, turn0, &at);
+        store(p, n, i, 3, x);
+        store(turn, n, i, 9, R);
+        store(hinge, n, i, H, phi);
+        judge(&at, turn, turn0, worst, n, i, residual, solved);
+    }
+}
+
+/* positions of the tool point (n, 3), R0 (n, 9) or null, tools (n, 3), or (3) if `one_tool`. */
+void NAMED(SHAPE, _inverse)(
+    const double *numbers, long n, int one_tool, const double *positions, const double *R0, const double *tools,
+    double *commands, double *x, double *R, double *phi, double *residual, char *solved)
+{
+    const warming none = {0.0, 0.0, 0.0};
+    long i;
+    T = (const table *)numbers;
+    for (i = 0; i < n; i += LANES) {
+        real q[NQ], p[3], tool[3], arm[3], place[3], turn[9], turn0[9], hinge[H + 1], worst;
+        closure at;
+        int c;
+        load(positions, n, i, 3, p);
+        load(tools, one_tool ? 1 : n, one_tool ? 0 : i, 3, tool);
+        if (R0) load(R0, n, i, 9, turn);
+        else unturned(turn);
+        memcpy(turn0, turn, sizeof turn);
+        level(turn, hinge);
+        plate_side(hinge, at.b);
+        turn3(turn, tool, arm);
+        for (c = 0; c < 3; c++) place[c] = p[c] - arm[c];
+        first_commands(place, turn, &at, q);
+        base_side(q, &none, &at);
+        worst = newton(1, q, &none, p, turn, hinge, tool, turn0, &at);
+        turn3(turn, tool, arm);
+        for (c = 0; c < 3; c++) p[c] -= arm[c];
+        store(q, n, i, NQ, commands);
+        store(p, n, i, 3, x);
+        store(turn, n, i, 9, R);
+        store(hinge, n, i, H, phi);
+        judge(&at, turn, turn0, worst, n, i, residual, solved);
+    }
+}

@@ -1,0 +1,127 @@
+"""The kinematics of :mod:`pcalib.mechanics.kinematics` in C, where the extension was built: the same answers, faster.
+
+The C is that of `pcalib export`, compiled for vectors of poses (`native/`). It says which poses it solved to rounding;
+all others are left to NumPy, which is the reference. With the environment variable PCALIB_NATIVE=0 all are.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from pcalib.mechanics.extension import library
+from pcalib.mechanics.mechanism import Mechanism, Pose
+from pcalib.mechanics.paths import SAME, base_paths
+
+SHAPES = ("three_arms", "six_arms", "two_bodies", "plane")
+"""The files of `native/`, one per shape of robot."""
+ROUNDS = 10
+"""Newton steps at most, as in native/batch.c."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the extension says of N poses."""
+
+    q: np.ndarray
+    pose: Pose
+    residual: np.ndarray
+    """(N,) [m] largest loop error."""
+    solved: np.ndarray
+    """(N,) bool: closed to rounding on the working branch; nothing else here is of use where this is false."""
+
+
+@lru_cache(maxsize=64)
+def _shape(mechanism: Mechanism) -> str | None:
+    """The shape of a mechanism; None where none fits, or where its joints run neither on circles nor on lines."""
+    loaded = library()
+    paths = base_paths(mechanism, mechanism.nominal)
+    if loaded is None or paths.misses(mechanism, mechanism.nominal) > SAME:
+        return None
+    commanded = {3, 4, 5} & set(mechanism.task)
+    m = len(mechanism.rods)
+    topology = [
+        len(mechanism.actuators), m, len(mechanism.hinges), len(mechanism.plate_dofs),
+        0 if {3, 4} <= commanded else 1 if commanded else 2,
+        int(5 in commanded and not {3, 4} & commanded and len(mechanism.plate_dofs) == 6), *mechanism.actuator,
+        *(np.zeros(m, int) if mechanism.body is None else mechanism.body), *paths.guided, *mechanism.plate_dofs,
+        *(mechanism.free_state or [0]),
+    ]  # fmt: skip
+    wanted = np.array(topology, np.intc).tobytes()
+    for name in SHAPES:
+        known = (ctypes.c_int * 4).in_dll(loaded, f"{name}_topology")
+        if list(known) == topology[:4]:
+            whole = (ctypes.c_int * len(topology)).in_dll(loaded, f"{name}_topology")
+            return name if bytes(whole) == wanted else None
+    return None
+
+
+def _numbers(mechanism: Mechanism, k: np.ndarray) -> np.ndarray:
+    """The numbers of a robot in the order of `table` in native/batch.c."""
+    p = base_paths(mechanism, k)
+    turns = float(mechanism.actuator_dimension == "angle")
+    hinges = [hinge.at(k) for hinge in mechanism.hinges]
+    parts = [
+        p.centre, p.cosine, p.sine, p.slope, p.length, p.rate, mechanism.plate_points(k), p.guide_cosine, p.guide_sine,
+        p.guide_length, [turns, mechanism.rod_side, mechanism.max_tilt], *(h.point for h in hinges),
+        *(h.axis for h in hinges),
+    ]  # fmt: skip
+    return np.concatenate([np.ravel(part) for part in parts])
+
+
+def _run(name: str, numbers: np.ndarray, n: int, flag: bool, *arrays: np.ndarray | None) -> None:
+    pointers = [None if a is None else a.ctypes.data_as(ctypes.c_void_p) for a in (numbers, *arrays)]
+    getattr(library(), name)(pointers[0], ctypes.c_long(n), ctypes.c_int(flag), *pointers[1:])
+
+
+def _own(values: np.ndarray, *shape: int) -> np.ndarray:
+    """A copy that the C can read and write."""
+    return np.array(np.broadcast_to(values, shape), float, order="C")
+
+
+def forward(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, start: Pose | None) -> Found | None:
+    """Plate poses for commands q (N, nq); None where NumPy has to find them all."""
+    name = library() and _shape(mechanism)
+    if not name:
+        return None
+    n, h = len(q), len(mechanism.hinges)
+    if start is None and not mechanism.level_pairs:
+        start = mechanism.start(k, q)
+    if start is None:
+        pose = Pose(np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, h)))
+    else:
+        pose = Pose(_own(start.x, n, 3), _own(start.R, n, 3, 3), _own(start.phi, n, h))
+    residual, solved = np.empty(n), np.empty(n, bool)
+    q = np.ascontiguousarray(q, float)
+    _run(f"{name}_forward", _numbers(mechanism, k), n, start is not None, q, pose.x, pose.R, pose.phi, residual, solved)
+    return Found(q, pose, residual, solved)
+
+
+def inverse(
+    mechanism: Mechanism,
+    k: np.ndarray,
+    position: np.ndarray,
+    R: np.ndarray | None,
+    tool: np.ndarray,
+) -> Found | None:
+    """Commands for tool points (N, 3) and orientations R (N, 3, 3); None where NumPy has to find them all.
+
+    Args:
+        tool: (), (3,) or (N, 3) [m].
+    """
+    name = library() and _shape(mechanism)
+    if not name or not {0, 1, 2} & set(mechanism.plate_dofs) <= set(mechanism.task):
+        return None  # what the task leaves free of a place is looked for from another start
+    n, h = len(position), len(mechanism.hinges)
+    position = np.ascontiguousarray(position, float)
+    turn = None if R is None else np.ascontiguousarray(np.broadcast_to(R, (n, 3, 3)), float)
+    tool = np.ascontiguousarray(np.broadcast_to(tool, (n, 3) if tool.ndim == 2 else 3), float)
+    q = np.empty((n, len(mechanism.actuators)))
+    pose = Pose(np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, h)))
+    residual, solved = np.empty(n), np.empty(n, bool)
+    arrays = (position, turn, tool, q, pose.x, pose.R, pose.phi, residual, solved)
+    _run(f"{name}_inverse", _numbers(mechanism, k), n, tool.ndim == 1, *arrays)
+    return Found(q, pose, residual, solved)

@@ -1,0 +1,103 @@
+"""The extension in C against NumPy: the same poses and commands, and the same status of every one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcalib import robot as robots
+from pcalib import rotation
+from pcalib.mechanics import extension, kinematics, native
+
+FILES = sorted((Path(__file__).parents[2] / "models").glob("*.toml"))
+N = 2000
+AGREE = 1e-13
+"""[m or rad] asked for over the workspace."""
+built = pytest.mark.skipif(extension.library() is None, reason=f"no extension: {extension.about()}")
+
+
+@pytest.fixture(params=FILES, ids=lambda f: f.stem)
+def case(request):
+    """A robot with errors in all of its geometry, and commands in and far beyond its joint range."""
+    robot = robots.load(request.param)
+    mechanism, rng = robot.mechanism, np.random.default_rng(1)
+    k = mechanism.nominal + np.where(np.array(mechanism.units) == "m", 2e-4, 1e-3) * rng.standard_normal(
+        len(mechanism.nominal)
+    )
+    middle, half = 0.5 * (robot.joint_max + robot.joint_min), 0.5 * (robot.joint_max - robot.joint_min)
+    q = middle + half * rng.uniform(-1.5, 1.5, (N, len(mechanism.actuators)))
+    return robot, k, q, rng
+
+
+def compare(mine: kinematics.Solution, known: kinematics.Solution) -> None:
+    np.testing.assert_array_equal(mine.status, known.status)
+    ok = known.ok
+    assert ok.any()
+    for a, b in ((mine.q, known.q), *((getattr(mine.pose, p), getattr(known.pose, p)) for p in ("x", "R", "phi"))):
+        apart = np.abs(a[ok] - b[ok]).reshape(ok.sum(), -1).max(axis=1, initial=0.0)
+        # near a singular pose the loops close to rounding over a stretch, of which either end is right
+        assert np.quantile(apart, 0.99) <= AGREE and apart.max() <= 1e-10
+
+
+@built
+def test_forward_says_what_numpy_says(case):
+    robot, k, q, _ = case
+    compare(kinematics.forward(robot.mechanism, k, q), kinematics._forward(robot.mechanism, k, q))
+    found = native.forward(robot.mechanism, k, q, None)
+    assert found is not None and found.solved.any()
+
+
+@built
+def test_inverse_says_what_numpy_says(case):
+    robot, k, _, rng = case
+    mechanism, w = robot.mechanism, robot.workspace
+    height = w.z_max - w.z_min
+    x = np.column_stack([
+        *rng.uniform(-1.5 * w.radius, 1.5 * w.radius, (2, N)), rng.uniform(w.z_min - height, w.z_max + height, N)
+    ])  # fmt: skip
+    commanded = [a for a in (3, 4, 5) if a in mechanism.task]
+    turn = np.zeros((N, 3))
+    turn[:, [a - 3 for a in commanded]] = 0.3 * rng.standard_normal((N, len(commanded)))
+    R = rotation.exp(turn) if commanded else None
+    tools = 0.1 * mechanism.tool_direction + 0.02 * rng.standard_normal((N, 3))
+    for tool in (tools, tools[0]):
+        known = kinematics._inverse(mechanism, k, x, R, tool)
+        compare(kinematics.inverse(mechanism, k, x, R, tool), known)
+    if mechanism.kind != "planar":
+        found = native.inverse(mechanism, k, x, R, tools)
+        assert found is not None and found.solved.any()
+
+
+@built
+def test_a_start_is_kept_to(case):
+    robot, k, q, _ = case
+    near = kinematics._forward(robot.mechanism, robot.mechanism.nominal, q)
+    q, start = q[near.ok], near.pose.take(near.ok)
+    compare(kinematics.forward(robot.mechanism, k, q, start), kinematics._forward(robot.mechanism, k, q, start))
+
+
+@built
+@pytest.mark.parametrize("n", [0, 1, 3, 5])
+def test_any_number_of_poses(n):
+    robot = robots.load(FILES[0])
+    q = np.full((n, len(robot.mechanism.actuators)), 0.1)
+    solved = kinematics.forward(robot.mechanism, robot.mechanism.nominal, q)
+    assert solved.ok.all() and solved.pose.x.shape == (n, 3)
+
+
+def test_numpy_does_the_same_without_it(case, monkeypatch):
+    robot, k, q, _ = case
+    monkeypatch.setenv(extension.VARIABLE, "0")
+    for cached in (extension.library, native._shape):
+        cached.cache_clear()
+    try:
+        assert extension.library() is None and "PCALIB_NATIVE=0" in extension.about()
+        assert native.forward(robot.mechanism, k, q, None) is None
+        assert kinematics.forward(robot.mechanism, k, q[:20]).status.tolist() == kinematics._forward(
+            robot.mechanism, k, q[:20]
+        ).status.tolist()
+    finally:
+        for cached in (extension.library, native._shape):
+            cached.cache_clear()
