@@ -1,6 +1,7 @@
 """The calibrated robot as code for a controller or as a model for a simulator.
 
 pcalib export m.toml --to c -o robot
+pcalib export m.toml --to st -o robot
 pcalib export m.toml --to mjcf -o robot
 """
 
@@ -26,8 +27,8 @@ def command(
 
     Args:
         model: Model file, as 'pcalib fit' writes it.
-        to: c (C99: forward and inverse kinematics with a self-test), linuxcnc (a kinematics module), or mjcf (for
-            MuJoCo).
+        to: c (C99: forward and inverse kinematics with a self-test), st (structured text for a PLC), linuxcnc (a
+            kinematics module), or mjcf (a model of MuJoCo).
         output: Folder for the files; it is made where it does not exist.
     """
     from pcalib import modelfile, outputs

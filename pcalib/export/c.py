@@ -104,6 +104,21 @@ def code(rods: Rods) -> str:
 
 def table(rods: Rods) -> str:
     """The model's numbers as C."""
+    numbers, arrays = constants(rods)
+    if not len(rods.hinge_point):  # C knows no empty arrays
+        arrays = {name: values for name, values in arrays.items() if name not in ("BODY", "HINGE_POINT", "HINGE_AXIS")}
+    return (
+        f"/* {_comment(rods.name)}: forward and inverse kinematics of the calibrated robot. Written by pcalib.\n"
+        " * C99; cc -O2 -c pcalib_robot.c; needs <math.h> and <string.h> only. self_test.c tries it. */\n"
+        '#include "pcalib_robot.h"\n\n#include <math.h>\n#include <string.h>\n\n'
+        + "\n".join(f"#define {name} ({value!r})" for name, value in numbers.items())
+        + "\n\n/* ---- the calibrated robot [m, rad, 1/K] ---- */\n\n"
+        + "\n".join(_array(name, values) for name, values in arrays.items())
+    )
+
+
+def constants(rods: Rods) -> tuple[dict[str, int | float], dict[str, np.ndarray]]:
+    """What a kernel knows of a robot: single numbers and arrays by name, the same for every language."""
     free = [c for c, dof in enumerate(rods.dofs) if dof not in rods.task]
     hinges = len(rods.hinge_point)
     free += list(range(len(rods.dofs), len(rods.dofs) + hinges))
@@ -112,42 +127,30 @@ def table(rods: Rods) -> str:
     keep_yaw = 5 in commanded and not {3, 4} & commanded and len(rods.dofs) == 6
     loose = sum(1 << d for d in rods.dofs if d < 3 and d not in rods.task)
     waves = list(rods.waves.items()) or [(1, (np.zeros(rods.nq), np.zeros(rods.nq)))]
-    defines = {
+    numbers = {
         "NQ": rods.nq, "M": len(rods.rods), "H": hinges, "ND": len(rods.dofs), "WAVES": len(rods.waves),
-        "ROUNDS": ROUNDS, "NEARLY": NEARLY, "PI": repr(float(np.pi)), "TURNS": int(rods.dimension == "angle"),
+        "ROUNDS": ROUNDS, "NEARLY": NEARLY, "PI": float(np.pi), "TURNS": int(rods.dimension == "angle"),
         "RODS_GROW": int(rods.rod_growth.any()), "ARMS_GROW": int(rods.arm_growth.any()),
         "BASE_GROWS": int(rods.base_growth.any()), "TILT_FREE": tilt_free, "KEEP_YAW": int(keep_yaw), "LOOSE": loose,
-        "ROD_SIDE": rods.rod_side, "MAX_TILT": repr(float(rods.max_tilt)), "Q_MIN": f"({rods.joint_range[0]!r})",
-        "Q_MAX": f"({rods.joint_range[1]!r})",
+        "ROD_SIDE": rods.rod_side, "MAX_TILT": float(rods.max_tilt), "Q_MIN": rods.joint_range[0],
+        "Q_MAX": rods.joint_range[1],
     }  # fmt: skip
-    arrays = [
-        _array("ACTUATOR", rods.actuator, "int"), _array("BODY", rods.body, "int") if hinges else "",
-        _array("GUIDED", rods.guided.astype(int), "int"), _array("DOF", np.array(rods.dofs), "int"),
-        _array("FREE", np.array(free or [0]), "int"), _array("CENTRE", rods.centre), _array("COSINE", rods.cosine),
-        _array("SINE", rods.sine), _array("SLOPE", rods.slope), _array("PIVOT", rods.pivot),
-        _array("LENGTH", rods.length), _array("RATE", rods.rate), _array("PLATE", rods.plate),
-        _array("GUIDE_COSINE", rods.guide_cosine), _array("GUIDE_SINE", rods.guide_sine),
-        _array("GUIDE_LENGTH", rods.guide_length),
-        _array("HINGE_POINT", rods.hinge_point) if hinges else "",
-        _array("HINGE_AXIS", rods.hinge_axis) if hinges else "", _array("RATIO", rods.ratio),
-        _array("CYCLES", np.array([float(n) for n, _ in waves])),
-        _array("WAVE_SINE", np.array([sine for _, (sine, _) in waves])),
-        _array("WAVE_COSINE", np.array([cosine for _, (_, cosine) in waves])),
-        _array("ROD_GROWTH", rods.rod_growth), _array("ARM_GROWTH", rods.arm_growth),
-        _array("BASE_GROWTH", rods.base_growth), _array("START", rods.start),
-    ]  # fmt: skip
-    return (
-        f"/* {_comment(rods.name)}: forward and inverse kinematics of the calibrated robot. Written by pcalib.\n"
-        " * C99; cc -O2 -c pcalib_robot.c; needs <math.h> and <string.h> only. self_test.c tries it. */\n"
-        '#include "pcalib_robot.h"\n\n#include <math.h>\n#include <string.h>\n\n'
-        + "\n".join(f"#define {name} {value}" for name, value in defines.items())
-        + "\n\n/* ---- the calibrated robot [m, rad, 1/K] ---- */\n\n"
-        + "\n".join(a for a in arrays if a)
-    )
+    arrays = {
+        "ACTUATOR": rods.actuator, "BODY": rods.body, "GUIDED": rods.guided.astype(int), "DOF": np.array(rods.dofs),
+        "FREE": np.array(free or [0]), "CENTRE": rods.centre, "COSINE": rods.cosine, "SINE": rods.sine,
+        "SLOPE": rods.slope, "PIVOT": rods.pivot, "LENGTH": rods.length, "RATE": rods.rate, "PLATE": rods.plate,
+        "GUIDE_COSINE": rods.guide_cosine, "GUIDE_SINE": rods.guide_sine, "GUIDE_LENGTH": rods.guide_length,
+        "HINGE_POINT": rods.hinge_point, "HINGE_AXIS": rods.hinge_axis, "RATIO": rods.ratio,
+        "CYCLES": np.array([float(n) for n, _ in waves]), "WAVE_SINE": np.array([sine for _, (sine, _) in waves]),
+        "WAVE_COSINE": np.array([cosine for _, (_, cosine) in waves]), "ROD_GROWTH": rods.rod_growth,
+        "ARM_GROWTH": rods.arm_growth, "BASE_GROWTH": rods.base_growth, "START": rods.start,
+    }  # fmt: skip
+    return numbers, arrays
 
 
-def _array(name: str, values: np.ndarray, sort: str = "double") -> str:
+def _array(name: str, values: np.ndarray) -> str:
     """An array of one or two dimensions, by rows; numbers are written so that they are read back as they are."""
+    sort = "int" if values.dtype.kind == "i" else "double"
     shape = "".join(f"[{n}]" for n in values.shape)
 
     def row(v: np.ndarray) -> str:
