@@ -29,7 +29,8 @@ from pcalib.data.table import Table
 from pcalib.errors import InputError
 from pcalib.robot import Robot
 
-FRAMES = ("base", "tracker")
+FRAMES = {"base": "base", "tracker": "tracker", "artefact": "tracker"}
+"""Measuring frames that a file may name, and how they are handled: an artefact's place is as unknown as a tracker's."""
 _UNIT = {"length": "mm", "angle": "deg", "mass": "kg", "temperature": "degC", "time": "s"}
 
 
@@ -253,11 +254,12 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
             f"frame '{frame}' is unknown", file=table.source, line=table.metadata_lines.get("frame"),
             remedy=f"accepted: {', '.join(FRAMES)}",
         )
+    frame = FRAMES[str(frame)]
     found = sensed.find(columns, said)
 
     q = columns.matrix(names)
     position = _position(columns, robot, optional=bool(found))
-    turn, written = orientation.read(columns, robot, said.get("euler"))
+    turn, written = orientation.read(columns, robot, said.get("euler"), in_part=frame == "base")
     mask = _mask(position, turn)
     tool = cols.tool(columns)
     numeric, text = cols.conditions(columns, len(names))
@@ -384,7 +386,7 @@ def save(path: str | Path, data: Measurements) -> None:
         head |= data.instrument.metadata(data.frame)
     sigma = sigmas.beside(data.sigma, data.instrument, data.position, data.rotation, data.tool)
     if data.readings is not None:
-        out |= sensed.to_write(data.readings, data.sigma, data.stated)
+        out |= sensed.to_write(data.readings, data.sigma, data.stated, out)
         head |= data.readings.written
     for key, stated in zip(sigmas.KEYS, data.stated, strict=True):
         for name, value in (sigmas.to_write(data.mask & posed[:, None], sigma, key) if stated else {}).items():

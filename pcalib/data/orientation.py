@@ -14,13 +14,14 @@ QUATERNION = ("qw", "qx", "qy", "qz")
 
 
 def read(
-    columns: Columns, robot: Robot | None, euler: float | str | None = None
+    columns: Columns, robot: Robot | None, euler: float | str | None = None, in_part: bool = False
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Rotations (N, 3, 3), NaN in rows that have none, and the numbers behind them, (N, 3) [rad] or (N, 4).
 
     Args:
         euler: order of turns where rx ry rz are Euler angles, e.g. 'xyz' about axes that stand still or 'ZYX' about
             the moving ones; None where they are a rotation vector.
+        in_part: whether single components of a rotation vector may be given; such rows have no rotation here.
     """
     table = columns.table
     vector = [c for c in cols.ROTATION if c in columns]
@@ -51,10 +52,12 @@ def read(
     used = quaternion or vector
     blank = np.stack([table.blank(columns.name(c)) for c in used], axis=1)
     half = blank.any(axis=1) & ~blank.all(axis=1)
-    if half.any():
+    if half.any() and not (in_part and not quaternion and euler is None):
         row = int(np.argmax(half))
         name = columns.name(used[int(np.argmax(blank[row]))])
         remedy = "give all of its components or leave all blank"
+        if vector:
+            remedy += "; single components of a rotation vector are read in the base frame"
         raise table.error("the rotation is given in part", row=row, column=name, remedy=remedy)
     given = ~blank.any(axis=1)
     if not quaternion:

@@ -134,7 +134,8 @@ def find(columns: Columns, sigma: Mapping[str, float | str]) -> list[Found]:
         value = np.full((len(table), 6), np.nan)
         for q in given:
             value[:, sensor.quantities[q][0]] = columns.si(q, blank=True)
-        row = np.flatnonzero(~np.isnan(value).all(axis=1))
+        blank = np.isnan(value[:, [sensor.quantities[q][0] for q in given]])
+        row = np.flatnonzero(~blank.all(axis=1) & (blank.any(axis=1) | (not sensor.partial)))
         to = np.full(len(table), "", object)
         if sensor.to is not None and len(row):
             if sensor.to not in columns:
@@ -186,10 +187,13 @@ def _named(readings: Readings, sensor: Sensor, before: Sequence[str] | None) -> 
     return [str(t) if s == sensor.name else b for s, t, b in zip(readings.sensor, readings.to, rest, strict=True)]
 
 
-def to_write(readings: Readings, sigma: np.ndarray, stated: tuple[bool, bool]) -> dict[str, np.ndarray | list[str]]:
+def to_write(
+    readings: Readings, sigma: np.ndarray, stated: tuple[bool, bool], poses: Mapping[str, np.ndarray | list[str]]
+) -> dict[str, np.ndarray | list[str]]:
     """Columns of a file that hold the readings.
 
     Args:
+        poses: columns of rows that read poses, beside which readings may stand.
         sigma: (N, 6) [m, rad].
         stated: whether σ of lengths and of angles is stated.
     """
@@ -199,11 +203,14 @@ def to_write(readings: Readings, sigma: np.ndarray, stated: tuple[bool, bool]) -
         mine = readings.sensor == sensor.name
         for q, (place, dimension) in sensor.quantities.items():
             unit = units.UNITS[_SHOWN[dimension]]
-            out[f"{q}_{unit.suffix}"] = np.where(mine, readings.value[:, place], np.nan) / unit.factor
+            name = f"{q}_{unit.suffix}"
+            rest = poses.get(name, np.full(len(mine), np.nan))
+            out[name] = np.where(mine, readings.value[:, place] / unit.factor, np.asarray(rest, float))
         if sensor.to is not None:
             named[sensor.to] = _named(readings, sensor, named.get(sensor.to))
         place, dimension = next(iter(sensor.quantities.values()))
         if stated[place // 3]:
             unit = units.UNITS[_SHOWN[dimension]]
-            out[f"{sensor.sigma}_{unit.suffix}"] = np.where(mine, sigma[:, place], np.nan) / unit.factor
+            each = sigma[:, place] / unit.factor
+            out[f"{sensor.sigma}_{unit.suffix}"] = each if sensor.partial else np.where(mine, each, np.nan)
     return out | named

@@ -133,7 +133,7 @@ def _view(model: Model, p: Prediction, readings: Readings) -> View:
         seen = sensor.see(_scene(model, p, mine), [known[name] for name in names])
         at, places = place[mine][:, None], [where for where, _ in sensor.quantities.values()]
         value[at, places], by[at, places] = seen.value, seen.by_twist
-        columns = np.concatenate([first[name] + np.arange(len(known[name])) for name in names])
+        columns = np.array([i for name in names for i in first[name] + np.arange(len(known[name]))], int)
         own[at[..., None], np.array(places)[:, None], columns] = seen.own
     return View(rows, value, by, own)
 

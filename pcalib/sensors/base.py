@@ -81,6 +81,8 @@ class Sensor(ABC):
     """[SI] 1σ taken where a file states none."""
     to: ClassVar[str | None] = None
     """Column that names what is measured to; None where there is but one."""
+    partial: ClassVar[bool] = False
+    """Whether it reads those rows only in which some of its quantities are blank: all of them make a pose."""
 
     def option(self, key: str, text: str) -> object | None:
         """The value of a metadata key of this sensor; None where the key is not its own.

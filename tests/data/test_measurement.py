@@ -300,7 +300,6 @@ def test_wrong_files_are_refused(tmp_path, delta, name):
 
 
 WRONG_COLUMN = {
-    "half a rotation": ("rx_deg,ry_deg,rz_deg", ("1,2,3", "1,,3", ",,"), "rotation is given in part", 3, "ry_deg"),
     "two thirds of a rotation": ("rx_deg,ry_deg", ("1,2", "1,2", "1,2"), "column 'rz' is missing", 1, None),
     "half a quaternion": ("qw,qx,qy,qz", ("1,0,0,0", "1,0,0,", ",,,"), "rotation is given in part", 3, "qz"),
     "three of a quaternion": ("qx,qy,qz", ("0,0,0", "0,0,0", "0,0,0"), "column 'qw' is missing", 1, None),
@@ -460,6 +459,30 @@ def test_sensors_that_are_not_described_are_refused(tmp_path, delta, old, new, p
     assert old in SENSED
     with pytest.raises(InputError, match=problem):
         measurement.load(write(tmp_path, SENSED.replace(old, new, 1)), delta)
+
+
+def test_single_components_of_a_rotation_are_read(tmp_path, delta):
+    head = "# sigma_rot_urad = 50\nq1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg\n"
+    rows = "0,0,0,1,2,-800,0.1,0.2,0.3\n0,1,0,,,,0.1,,\n0,0,1,1,2,-800,,0.2,\n"
+    data = measurement.load(write(tmp_path, head + rows), delta)
+    assert data.readings.sensor.tolist() == ["", "rotation_component", "", "rotation_component"]
+    assert data.turned.tolist() == [True, False, False, False] and data.mask[:, 3:].sum(axis=1).tolist() == [3, 1, 0, 1]
+    assert data.readings.value[3, 4] == pytest.approx(np.radians(0.2)) and np.allclose(data.sigma[:, 3], 50e-6)
+    measurement.save(tmp_path / "out.csv", data)
+    again = measurement.load(tmp_path / "out.csv", delta)
+    assert again.mask.tolist() == data.mask.tolist() and np.allclose(again.sigma[data.mask], data.sigma[data.mask])
+
+
+def test_half_a_rotation_means_nothing_in_the_frame_of_a_tracker(tmp_path, delta):
+    rows = [f"{row},{cell}" for row, cell in zip(ROWS, ("1,2,3", "1,,3", ",,"), strict=True)]
+    path = write(tmp_path, "\n".join(["# frame = tracker", f"{HEAD},rx_deg,ry_deg,rz_deg", *rows]))
+    with pytest.raises(InputError, match="rotation is given in part") as caught:
+        measurement.load(path, delta)
+    assert (caught.value.line, caught.value.column) == (4, "ry_deg")
+
+
+def test_an_artefact_stands_anywhere(tmp_path, delta):
+    assert measurement.load(write(tmp_path, "# frame = artefact\n" + PLAIN), delta).frame == "tracker"
 
 
 def test_shapes_must_agree(delta):
