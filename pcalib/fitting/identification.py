@@ -210,7 +210,7 @@ def _supported(task: Task, state: State, repeated: Repeated) -> tuple[Scale, np.
         return NOT_SCALED, out
     inner = [half.T @ gram[np.ix_(chosen, chosen)] @ half for gram in state.linear.grams()]
     found = scale(state.at[0], task.noise, state.weights.row, np.trace(inner, axis1=1, axis2=2), repeated)
-    middle = np.eye(len(chosen)) + np.einsum("c,cij->ij", found.ratio**2 - 1, inner)
+    middle = np.eye(len(chosen)) + np.einsum("c,cij->ij", np.repeat(found.ratio**2 - 1, 3), inner)
     values, vectors = np.linalg.eigh(middle)  # positive: the priors' share, and s² times that of the data
     out[chosen] = half @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     return found, out

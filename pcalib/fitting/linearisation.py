@@ -63,12 +63,13 @@ class Linearisation:
         return self.jacobian[:, self.n_geometry :]
 
     def grams(self, weight: np.ndarray) -> np.ndarray:
-        """JᵀwJ (2, n, n) of positions and of rotations, for weights w (N,) of the rows."""
-        out = []
-        for rows in (self.component < 3, self.component >= 3):
+        """JᵀwJ (6, n, n) of every component, for weights w (N,) of the rows."""
+        out = np.zeros((6, self.jacobian.shape[1], self.jacobian.shape[1]))
+        for c in np.unique(self.component):
+            rows = self.component == c
             J = self.jacobian[rows] * np.sqrt(weight[self.row[rows]])[:, None]
-            out.append(J.T @ J)
-        return np.stack(out)
+            out[c] = J.T @ J
+        return out
 
     @cached_property
     def triangle(self) -> np.ndarray:
@@ -87,7 +88,7 @@ class Information:
     motion: np.ndarray | None
     """(N, n_state, n_geometry) of the plates about their measured points, by geometry; None for more than ROWS rows."""
     grams: Callable[[], np.ndarray]
-    """Gives Jᵀw²J of positions and of rotations, (2, n, n): for traces and products, never to be inverted."""
+    """Gives Jᵀw²J of every component, (6, n, n): for traces and products, never to be inverted."""
 
 
 def conditions_of(data: Measurements) -> Conditions:
@@ -253,7 +254,7 @@ def information(
         triangle = linear.triangle if alike else weighted(linear, weight)
         return Information(triangle, linear.triangle, linear.motion, lambda: linear.grams(weight**2))
     plain = whole = np.zeros((0, len(unknowns.names) + 1))
-    grams = np.zeros((2, len(unknowns.names), len(unknowns.names)))
+    grams = np.zeros((6, len(unknowns.names), len(unknowns.names)))
     for r in chunks(len(data)):
         part = data.take(r)
         linear = linearise(model, part, unknowns, residuals(model, part, at[1].pose.take(r)), noise.take(r))

@@ -43,6 +43,7 @@ class Code(Enum):
     NEVER_MOVED = "never_moved"
     SIGMA_TOO_LARGE = "sigma_too_large"
     SIGMA_TOO_SMALL = "sigma_too_small"
+    SIGMA_UNEVEN = "sigma_uneven"
     FAR_FROM_DRAWING = "far_from_drawing"
 
 

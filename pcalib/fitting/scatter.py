@@ -52,6 +52,9 @@ class Scale:
     """(2,) the same ratio as replicates alone show it; NaN where too few rows are repeated."""
     sigma_q: float = 0.0
     """[rad or m] 1σ repeatability of the joints, in the weights of the fit; 0 where replicates do not show it."""
+    components: tuple[np.ndarray, np.ndarray] = (np.full(6, np.nan), np.zeros(6))
+    """(6,) residuals over the σ that the fit weighed with, component by component, and the degrees of freedom behind
+    each; NaN where a component is not measured."""
 
     def sentence(self, stated: tuple[bool, bool], measured: tuple[bool, bool]) -> str:
         """What the σ of parameters follow from.
@@ -209,15 +212,16 @@ def scale(error: np.ndarray, noise: Noise, weight: np.ndarray, leverage: np.ndar
     Args:
         error: (N, 6) residuals of the fitted rows.
         weight: (N,) robust weights; what a row counts is its influence w·r (Huber's proposal 2).
-        leverage: (2,) degrees of freedom that the unknowns take of positions and rotations.
+        leverage: (6,) degrees of freedom that the unknowns take of each component.
         found: what replicates say.
     """
     whitened = np.nan_to_num(noise.whiten(error)) ** 2 * weight[noise.row] ** 2
-    rotated = noise.component >= 3
-    chi2 = np.array([whitened[~rotated].sum(), whitened[rotated].sum()])
-    share = weight[noise.row] ** 2
-    count = np.array([share[~rotated].sum(), share[rotated].sum()])
-    dof = count - leverage
+    each = np.bincount(noise.component, whitened, 6)
+    counts = np.bincount(noise.component, weight[noise.row] ** 2, 6)
+    left = counts - leverage
+    with np.errstate(divide="ignore", invalid="ignore"):
+        components = np.where(left > 0, np.sqrt(each / left), np.nan), np.maximum(left, 0.0)
+    chi2, count, dof = (np.array([v[part].sum() for part in _CLASSES]) for v in (each, counts, left))
     if noise.covariance is not None:  # whitened readings hold others: one factor for all of a row
         chi2, dof = np.full(2, chi2.sum()), np.full(2, dof.sum())
     ratio, source = np.ones(2), Source.STATED
@@ -232,4 +236,4 @@ def scale(error: np.ndarray, noise: Noise, weight: np.ndarray, leverage: np.ndar
     elif by_replicates.any():
         source = Source.REPLICATES
     behind = np.where(enough, dof, np.where(by_replicates, ENOUGH_REPLICATES, np.inf))
-    return Scale(source, ratio, behind, found.ratio, found.sigma_q)
+    return Scale(source, ratio, behind, found.ratio, found.sigma_q, components)

@@ -9,6 +9,7 @@ import numpy as np
 from pcalib import units, wording
 from pcalib.fitting.evidence import WIDENED
 from pcalib.fitting.result import Caution, Code, Fit
+from pcalib.fitting.scatter import ENOUGH_RESIDUALS
 
 LEFT_OUT = 1.5
 """Warn when rotations that the level leaves out exceed this many σ (RMS): no noise of 20 readings or more does."""
@@ -24,6 +25,8 @@ OVERSTATED, UNDERSTATED = 0.7, 1.4
 """Warn when σ of residuals or of replicates differ from the stated σ by such a factor, and by more than chance."""
 SURE = 3.3
 """Standard errors that count as more than chance: p = 0.001."""
+UNEVEN, RARE = 2.0, 1e-3
+"""Warn when the residuals of one component are so many times those of another, and chance does that less often."""
 _MOST = 8
 """Line numbers that a warning spells out."""
 
@@ -169,6 +172,32 @@ def _sigma_too_small(fit: Fit) -> Iterator[str]:
             yield f"replicates of {what} scatter by {ratio:.2g}× their stated σ: is σ stated too small?"
 
 
+def _sigma_uneven(fit: Fit) -> Iterator[str]:
+    """Components whose residuals differ by more than chance leaves (Bartlett's test of equal variances)."""
+    from scipy.special import chdtrc
+
+    if fit.data.readings is not None:  # places of a row then hold what differs in kind
+        return
+    ratio, dof = fit.scale.components
+    frame = "the tracker's" if fit.data.frame == "tracker" else "the base's"
+    for c, (axes, about) in enumerate(((("x", "y", "z"), "along"), (("rx", "ry", "rz"), "about"))):
+        part = np.arange(3 * c, 3 * c + 3)
+        part = part[np.isfinite(ratio[part]) & (dof[part] >= ENOUGH_RESIDUALS / 3)]
+        if len(part) < 2 or not fit.data.stated[c]:
+            continue
+        variance, nu = ratio[part] ** 2, dof[part]
+        pooled = float(nu @ variance / nu.sum())
+        statistic = float(nu.sum() * np.log(pooled) - nu @ np.log(variance))
+        most, least = part[np.argmax(variance)], part[np.argmin(variance)]
+        if ratio[most] > UNEVEN * ratio[least] and chdtrc(len(part) - 1, statistic) < RARE:
+            a, b = axes[most - 3 * c], axes[least - 3 * c]
+            yield (
+                f"residuals {about} {frame} {a[-1]} axis are {ratio[most]:.2g}× their stated σ, {about} {b[-1]} "
+                f"{ratio[least]:.2g}×: if the instrument errs so, as cameras do in depth, state σ by component "
+                f"(# sigma_{a}_{'deg' if c else 'mm'} = …); else the model misses something that shows there"
+            )
+
+
 def _far_from_drawing(fit: Fit) -> Iterator[str]:
     for value in fit.far:
         yield f"far from the drawing: {value.sentence()}"
@@ -189,6 +218,7 @@ _CHECKS: dict[Code, Callable[[Fit], Iterator[str]]] = {
     Code.NEVER_MOVED: _never_moved,
     Code.SIGMA_TOO_LARGE: _sigma_too_large,
     Code.SIGMA_TOO_SMALL: _sigma_too_small,
+    Code.SIGMA_UNEVEN: _sigma_uneven,
     Code.FAR_FROM_DRAWING: _far_from_drawing,
 }
 

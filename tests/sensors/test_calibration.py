@@ -15,6 +15,7 @@ from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.steps import add
 from pcalib.errors import InputError
 from pcalib.fitting import identification, linearisation
+from pcalib.fitting.result import Code
 from pcalib.fitting.unknowns import apply, unknowns_of
 from pcalib.model import Model
 
@@ -116,3 +117,14 @@ def test_a_model_that_knows_no_set_up_says_so(delta):
     _, data = measured(n=12)
     with pytest.raises(InputError, match="does not know station A"):
         linearisation.residuals(Model.nominal(delta), data)
+
+
+@pytest.mark.parametrize("axes", [True, False])
+def test_a_sigma_that_is_not_alike_along_all_axes_is_told(axes, delta):
+    case = instruments.CASES[-2 if axes else -1]
+    truth = instruments.truth_of(case, 3)
+    fit = identification.fit(simulate.run(truth, instruments.plan_of(case, delta, 3), 3).measurements, delta)
+    told = [c.text for c in fit.warnings if c.code is Code.SIGMA_UNEVEN]
+    assert bool(told) is not axes
+    if told:
+        assert "tracker's z axis are" in told[0] and "# sigma_z_mm" in told[0]
