@@ -34,6 +34,8 @@ from pcalib.errors import InputError
 from pcalib.robot import Robot
 
 SCHEMA = "pcbench.sealed/1"
+POSES = [name for name, design in DESIGNS.items() if not design.sensors and not design.instrument_settings]
+"""Designs of blind sets: poses with one σ."""
 SEALED = "sealed"
 STREAM, DEALT = 0xB11D, 0xDEA1
 KINDS = {"none": 4, "single": 10, "pair": 3, "outside": 3}
@@ -113,7 +115,7 @@ def _draw(text: str, seed: int, index: int) -> Blind:
 def draw(robot: Robot, seed: int, index: int) -> Blind:
     """One data set: design, robot, poses, faults and noise depend on seed and index alone."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, index)))
-    design = DESIGNS[str(rng.choice(list(DESIGNS)))]
+    design = DESIGNS[str(rng.choice(POSES))]
     stage = Stage.draw(design, robot, int(rng.integers(2**31)))
     size = float(np.round(np.exp(rng.uniform(*np.log(SIZES))), 1))
     case = _case(kind_of(seed, index), stage, size, rng)

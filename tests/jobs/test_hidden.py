@@ -79,7 +79,7 @@ def test_the_visible_size_is_what_a_refit_of_noise_free_data_leaves(design, name
     there = stage(design)
     case = cases.single(there, CATALOGUE[name], fault(name), 8.0)
     assert case.facts.size == pytest.approx(8.0, rel=0.04)
-    exact = there._exact(case.hidden, case.landing)
+    exact = there._exact(case.hidden, case.landing)[0]
     kept = exact.take(~exact.check)
     fit = identification.fit(kept, ROBOT, "complete", prior_scale=1e3)
     left = np.sqrt(np.nansum((fit.error / kept.sigma) ** 2))
@@ -114,7 +114,7 @@ def test_a_diagnosis_finds_nothing_beside_the_truth_where_there_is_no_noise(desi
     """
     there = stage(design, CATALOGUE[name].companion)
     case = cases.single(there, CATALOGUE[name], fault(name), 12.0)
-    exact = replace(there._exact(case.hidden, case.landing), stated=(True, True))
+    exact = replace(there._exact(case.hidden, case.landing)[0], stated=(True, True))
     model = identification.fit(exact, ROBOT, "complete", effects=there.effects).model
     kept = exact.take(~exact.check)
     made = problem(model, exact, noise=noises.as_stated(kept))

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from bench import sensors
 from bench.instrument import Instrument
+from bench.sensors import Sensor
 
 BAR = ((0.0, 0.0, 0.0), (-0.5, 0.0, 0.0), (0.5, 0.0, 0.0))
 """[m] The plate's centre and the ends of a metre bar across it."""
@@ -41,6 +43,8 @@ class Design:
     """Whether replicates come at random times of the session, and not back to back."""
     instrument_settings: Mapping[str, Any] = field(default_factory=dict)
     """Further settings of the instrument, SI: the sort of its noise and what the file states of it."""
+    sensors: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Sections of sensors of a truth file, which measure in place of an instrument that reads poses."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -56,13 +60,28 @@ class Design:
 
     def instrument(self, noisy: bool = True) -> Instrument:
         """Return the instrument; without noise it sees the same."""
-        kind = "pose" if self.rotations else "position"
+        kind = "none" if self.sensors else "pose" if self.rotations else "position"
         if not noisy:
             return Instrument(kind=kind)
         settings = {"sigma_pos": self.sigma_pos, "sigma_rot": self.sigma_rot} | dict(self.instrument_settings)
         return Instrument(kind=kind, **settings)
 
+    def measuring(self, noisy: bool = True) -> tuple[Sensor, ...]:
+        """Return the sensors; QUIET times their noise where there shall be none, which states σ all the same."""
+        made = [sensors.make(name, table) for name, table in self.sensors.items()]
+        for sensor in made:
+            sensor.values = {**sensor.values, "sigma": sensor.values["sigma"] * (1.0 if noisy else QUIET)}
+        return tuple(made)
 
+
+QUIET = 1e-9
+"""σ of sensors that have no noise, over the one that is counted with."""
+_BALLBAR = {"sigma_um": 5, "stations_mm": [300, 0, -1050, -200, 250, -1050, -150, -280, -1050]}
+_LEVEL = {"sigma_urad": 50, "zero_mrad": [3, -2], "level_mrad": [1, 2], "turn_deg": 1}
+TRACKED = {
+    "noise": "range_angle", "sigma_range": 5e-6, "sigma_distance": 5e-6, "sigma_angle": 8e-6,
+    "position": np.array([1.5, -0.8, 0.2]), "state_covariance": True,
+}  # fmt: skip
 DESIGNS = {
     design.name: design
     for design in (
@@ -72,5 +91,7 @@ DESIGNS = {
         Design("plain-position", "plain", rotations=False, points=POINTS[1:2]),
         Design("rich-understated", stated=0.6),
         Design("rich-overstated", stated=1.8),
+        Design("ballbar", sensors={"ballbar": _BALLBAR, "inclinometer": _LEVEL}),
+        Design("tracker", instrument_settings=TRACKED),
     )
 }

@@ -24,15 +24,15 @@ from bench.commands import Commands, Landing
 from bench.faults import Fault
 from bench.jobs.hidden import catalogue
 from bench.jobs.hidden.catalogue import Hidden
-from bench.jobs.hidden.design import Design
+from bench.jobs.hidden.design import QUIET, Design
 from bench.simulate import DataSet
 from bench.truth import Truth
-from pcalib import effects, rotation
+from pcalib import effects
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import candidates
 from pcalib.diagnosis.point import Point
 from pcalib.effects.gear_ripple import SCANNED
-from pcalib.fitting import identification
+from pcalib.fitting import identification, linearisation
 from pcalib.fitting.unknowns import unknowns_of
 from pcalib.model import FittedEffect, Model
 from pcalib.robot import Robot
@@ -49,6 +49,8 @@ CLOSE = 0.03
 """Relative difference from the wanted size at which the search for it ends."""
 MOVED = 1e-3
 """[m] RMS change of the measured point that a hidden fault may cause."""
+OF_A_TRACKER = ("tracker_drift", "tracker_scale", "tracker_bump")
+"""Faults of an instrument that sensors do not have."""
 RANGE = 0.7
 """Share of an effect's physical range that a hidden fault may take."""
 
@@ -107,7 +109,8 @@ class Stage:
 
     def truth(self, hidden: Sequence[Fault] = (), noisy: bool = True) -> Truth:
         """Return the robot with these faults beside those that are known."""
-        return Truth(self.robot, self.errors, self.design.instrument(noisy), (*self.known, *hidden))
+        faults = (*self.known, *hidden)
+        return Truth(self.robot, self.errors, self.design.instrument(noisy), faults, self.design.measuring(noisy))
 
     def land(self, hidden: Sequence[Fault] = ()) -> Landing:
         """Return where MuJoCo puts the robot for every row of the plan."""
@@ -148,25 +151,36 @@ class Stage:
         """What the user's fit starts from: the nominal geometry, with the effects that are known."""
         return replace(Model.nominal(self.robot), effects=self.effects)
 
-    def _exact(self, hidden: Sequence[Fault], landing: Landing) -> Measurements:
-        data = simulate.run(self.truth(hidden, noisy=False), self.plan, machine=Replay(landing)).measurements
-        sigma = np.where([True] * 3 + [False] * 3, self.design.sigma_pos, self.design.sigma_rot)
-        return replace(data, sigma=np.broadcast_to(sigma, data.sigma.shape).copy())
+    def _exact(self, hidden: Sequence[Fault], landing: Landing) -> tuple[Measurements, np.ndarray]:
+        """Return noise-free readings, and (N,) which row of the plan each is of, sensor by sensor."""
+        made = simulate.run(self.truth(hidden, noisy=False), self.plan, machine=Replay(landing))
+        data = made.measurements
+        plain = np.where([True] * 3 + [False] * 3, self.design.sigma_pos, self.design.sigma_rot)
+        sigma, which = np.broadcast_to(plain, data.sigma.shape).copy(), made.kept
+        if data.readings is not None:
+            sensed = data.readings.sensor != ""
+            sigma[sensed] = data.sigma[sensed] / QUIET
+            which = which + len(self.plan) * np.unique(data.readings.sensor.astype(str), return_inverse=True)[1]
+        return replace(data, sigma=sigma), which
 
     @cached_property
     def _clean(self) -> Measurements:
         """Noise-free readings without anything hidden, rows to fit only."""
-        data = self._exact((), self.reference)
-        return data.take(~data.check)
+        return self._fitted((), self.reference)[0]
+
+    def _fitted(self, hidden: Sequence[Fault], landing: Landing) -> tuple[Measurements, np.ndarray]:
+        data, which = self._exact(hidden, landing)
+        return data.take(~data.check), which[~data.check]
 
     @cached_property
     def _linear(self) -> tuple[np.ndarray, Point, np.ndarray, np.ndarray]:
         """Basis U (M, r) of the geometry's columns, the point behind them, row and component of each reading."""
         data = self._clean
-        unknowns = unknowns_of(self.model, self.model.level, self.model.effects)
-        found = identification.linearise(self.model, data, unknowns)
+        model = linearisation.seen_from(self.model, data)
+        unknowns = unknowns_of(model, model.level, model.effects)
+        found = identification.linearise(model, data, unknowns)
         U, s, _ = np.linalg.svd(found.jacobian * unknowns.scale, full_matrices=False)
-        point = Point.of(self.model, found.prediction, identification.conditions_of(data))
+        point = Point.of(model, found.prediction, identification.conditions_of(data))
         return U[:, s > HELD], point, found.row, found.component
 
     def _refitted(self, columns: np.ndarray) -> np.ndarray:
@@ -178,16 +192,10 @@ class Stage:
         """Return (N, 6) [m, rad] what faults change in the noise-free readings of the rows to fit; zero where not
         measured."""
         landing = self.land(hidden) if landing is None else landing
-        data = self._exact(hidden, landing)
-        data, clean = data.take(~data.check), self._clean
-        there, before = (np.flatnonzero(~self.plan.check & landing.ok) for landing in (landing, self.reference))
-        shared = np.intersect1d(there, before)
-        new, old = np.searchsorted(there, shared), np.searchsorted(before, shared)
+        (data, there), (clean, before) = self._fitted(hidden, landing), self._fitted((), self.reference)
+        _, new, old = np.intersect1d(there, before, return_indices=True)
         out = np.zeros((len(clean), 6))
-        out[old, :3] = data.position[new] - clean.position[old]
-        turned = clean.mask[old, 3] & data.mask[new, 3]
-        turn = data.rotation[new[turned]] @ np.swapaxes(clean.rotation[old[turned]], -1, -2)
-        out[old[turned], 3:] = rotation.log(turn)
+        out[old] = np.nan_to_num(data.take(new).beside(clean.take(old)))
         return out
 
     def visible(self, change: np.ndarray) -> np.ndarray:
@@ -330,4 +338,4 @@ def _shuffled(plan: plans.Plan, seed: int) -> plans.Plan:
 
 def suits(hidden: Hidden, design: Design, robot: Robot) -> bool:
     """Return whether a design records what a fault acts through."""
-    return set(hidden.needs(robot)) <= set(design.columns)
+    return set(hidden.needs(robot)) <= set(design.columns) and not (design.sensors and hidden.name in OF_A_TRACKER)

@@ -33,7 +33,7 @@ PLAUSIBLE = 3.0
 """Usual sizes up to which a fault is one that robots have."""
 TRIES = 20
 """Pairs that are drawn until one is no single effect's."""
-ROBOTS = {"rich": 4, "rich-position": 3, "plain": 2, "plain-position": 2}
+ROBOTS = {"rich": 4, "rich-position": 3, "plain": 2, "plain-position": 2, "ballbar": 1, "tracker": 1}
 """Design → robots in which each listed effect is hidden at all sizes of the curve."""
 MISSTATED = ("rich-understated", "rich-overstated")
 PAIRS = {"rich": 100, "rich-position": 40, "rich-overstated": 20}

@@ -12,7 +12,7 @@ from bench import plan as plans
 from bench.instrument import Instrument
 from bench.jobs.diagnosis_benchmark.rows import Bound, Row, Said, Set, Task
 from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, in_words, robot, stage
-from bench.jobs.hidden.design import DESIGNS, POINTS, Design
+from bench.jobs.hidden.design import DESIGNS, POINTS, TRACKED, Design
 from bench.truth import Truth
 from pcalib.diagnosis.diagnose import diagnose
 
@@ -44,7 +44,7 @@ def _rich(**settings) -> Design:
 
 
 ENCODER = {bits: ("encoder_steps", {"step_rad": 2 * np.pi / 2**bits}) for bits in (15, 18)}
-TRACKER = {"sigma_range": 5e-6, "sigma_distance": 5e-6, "sigma_angle": 8e-6, "position": (1.5, -0.8, 0.2)}
+TRACKER = {name: value for name, value in TRACKED.items() if name not in ("noise", "state_covariance")}
 REFLECTORS = {"noise": "reflectors"}
 VARIANTS = {
     "white": _Variant(RICH),
@@ -55,7 +55,8 @@ VARIANTS = {
     "sigma_overstated": _Variant(DESIGNS["rich-overstated"]),
     "growing_with_range": _Variant(_rich(sigma_distance=1.5e-5, position=(1.5, -0.8, 0.2))),
     "range_angle_one_sigma": _Variant(_rich(noise="range_angle", **TRACKER)),
-    "range_angle_stated": _Variant(_rich(noise="range_angle", state_covariance=True, **TRACKER)),
+    "range_angle_stated": _Variant(DESIGNS["tracker"]),
+    "camera": _Variant(_rich(noise="camera", sigma_depth=8e-5, sigma_out=2e-4, frame="tracker")),
     "read_out_steps": _Variant(_rich(resolution_pos=3e-5, resolution_rot=1e-4)),
     "heavy_tails": _Variant(_rich(noise="heavy_tails")),
     "correlated": _Variant(_rich(noise="correlated")),
@@ -64,6 +65,7 @@ VARIANTS = {
     "reflectors_far": _Variant(replace(_rich(**REFLECTORS), points=(FAR,))),
     "reflectors_three_points": _Variant(_rich(**REFLECTORS)),
     "reflectors_stated": _Variant(_rich(state_covariance=True, **REFLECTORS)),
+    "ballbar_and_inclinometer": _Variant(DESIGNS["ballbar"], ("delta", "hexa321", "delta", "h4")),
     "encoder_18_bits": _Variant(RICH, ("delta", "hexa", "h4", "delta"), ENCODER[18]),
     "encoder_15_bits": _Variant(RICH, ("delta", "hexa", "h4", "delta"), ENCODER[15], visible=True),
     "bed_contacts": _Variant(replace(RICH, plan="contacts", rows=37, check=0), ("linear_delta",), level="firmware6"),
