@@ -2,6 +2,7 @@
 
     pcalib plan --robot models/delta.toml -n 40 -o plan.csv
     pcalib plan --robot models/delta.toml -n 40 --tool 0,0,0mm --tool 0,0,-300mm --position-only -o plan.csv
+    pcalib plan --robot models/delta.toml -n 120 --instrument ballbar:2um --reach 100,300mm --tool 0,0,0mm -o plan.csv
     pcalib plan --within 30um --robot models/delta.toml --tool 0,0,-300mm --sigma-pos 20um -o plan.csv
     pcalib plan --to-tell --robot models/delta.toml -n 72 --temperature 16degC --temperature 28degC -o plan.csv
 """
@@ -39,6 +40,9 @@ def command(
     sigma_pos: Annotated[np.ndarray | None, quantity("length")] = None,
     sigma_rot: Annotated[np.ndarray | None, quantity("angle")] = None,
     position_only: bool = False,
+    instrument: tuple[str, ...] = (),
+    station: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
+    reach: Annotated[np.ndarray | None, quantity("length", 2)] = None,
     level: str = "complete",
     repeat: Annotated[int, Parameter(validator=Number(gte=0))] = 10,
     check: Annotated[int, Parameter(validator=Number(gte=0))] = 10,
@@ -63,6 +67,11 @@ def command(
         sigma_pos: Instrument noise, 1σ per component; 0.02mm when absent.
         sigma_rot: Instrument noise of rotations; 0.005deg when absent.
         position_only: The instrument gives no orientation.
+        instrument: Plan for this instrument instead of one that reads poses, with its 1σ if it is known: ballbar:2um,
+            inclinometer:20urad, dial-gauge; may be given several times.
+        station: With ballbar: a place where a ball stands, e.g. 300,0,-1050mm; may be given several times. Chosen when
+            absent.
+        reach: With ballbar: its shortest and longest length, e.g. 100,300mm.
         level: Geometry level that is to be identified.
         repeat: How many of the poses are measured twice.
         check: How many further poses are held out (set = check): random ones, which no fit uses.
@@ -106,6 +115,11 @@ def command(
     for option, given in (("--payload", payload), ("--temperature", temperature), ("--plot", plot)):
         if given:
             raise InputError(f"{option} belongs to --to-tell", remedy="add --to-tell, or leave it out")
+    if instrument:
+        from pcalib.cli import _instruments
+
+        _instruments.run(described, n, instrument, station, reach, tools, level, repeat, seed, output, json)
+        return None
     reached: dict[str, object] = {}
     if within is not None:
         from pcalib.cli import _within

@@ -73,6 +73,8 @@ class Sensor(ABC):
     name: ClassVar[str]
     title: ClassVar[str]
     """How sentences call it."""
+    instruments: ClassVar[tuple[str, ...]] = ()
+    """Instruments of that kind, as `pcalib plan --instrument` names them."""
     quantities: ClassVar[Mapping[str, tuple[int, str]]]
     """Column without unit → (place 0 … 5 of its reading in a row, dimension); lengths are 0 … 2 and angles 3 … 5."""
     sigma: ClassVar[str]

@@ -25,6 +25,7 @@ class Distance(Sensor):
 
     name: ClassVar[str] = "distance"
     title: ClassVar[str] = "distances to stations"
+    instruments: ClassVar = ("ballbar", "draw-wire", "interferometer")
     quantities: ClassVar = {"distance": (0, "length")}
     sigma: ClassVar[str] = "sigma_distance"
     usual_sigma: ClassVar[float] = 5e-6

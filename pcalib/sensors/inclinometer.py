@@ -29,6 +29,7 @@ class Inclinometer(Sensor):
 
     name: ClassVar[str] = "inclinometer"
     title: ClassVar[str] = "tilts of the plate against gravity"
+    instruments: ClassVar = ("inclinometer",)
     quantities: ClassVar = {"tilt_x": (3, "angle"), "tilt_y": (4, "angle")}
     sigma: ClassVar[str] = "sigma_tilt"
     usual_sigma: ClassVar[float] = 50e-6

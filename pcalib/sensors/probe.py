@@ -25,6 +25,7 @@ class Probe(Sensor):
 
     name: ClassVar[str] = "probe"
     title: ClassVar[str] = "heights over a surface"
+    instruments: ClassVar = ("dial-gauge", "probe")
     quantities: ClassVar = {"probe": (0, "length")}
     sigma: ClassVar[str] = "sigma_probe"
     usual_sigma: ClassVar[float] = 5e-6
