@@ -17,7 +17,14 @@
 typedef double real __attribute__((vector_size(8 * LANES)));
 typedef long long mask __attribute__((vector_size(8 * LANES)));
 
-static inline real chosen(mask where, real a, real b) { return (real)((where & (mask)a) | (~where & (mask)b)); }
+static inline real chosen(mask where, real a, real b)
+{
+#ifdef __AVX__
+    return __builtin_ia32_blendvpd256(b, a, (real)where);
+#else
+    return (real)((where & (mask)a) | (~where & (mask)b));
+#endif
+}
 static inline int any(mask where)
 {
     long long out = 0;
@@ -61,9 +68,11 @@ static inline real sine(real a, double quarter)
 #define COS(a) sine(a, 1.0)
 #define ANY(condition) any(condition)
 #define SELECT(condition, a, b) chosen(condition, a, b)
+#define UNROLL _Pragma("GCC unroll 8")
 
 #define ROUNDS 10    /* easy poses need three to five; what is left is solved by NumPy */
 #define NEARLY 1e-9  /* as in the exported code */
+#define CLOSE 2e-15  /* as in the exported code */
 #define CLOSED 1e-14 /* TOLERANCE of kinematics.py */
 
 /* Effects come as deviations, which are left to NumPy. */
@@ -114,15 +123,21 @@ typedef struct {
 
 static const table *T; /* of the call that runs: the interpreter's lock is held */
 
+/* Inlined throughout, so that the compiler sees constant bounds: a quarter less time. */
+#if defined(__GNUC__)
+#define static static inline __attribute__((always_inline))
+#endif
 #include "kernel.c"
+#undef static
 
 /* Rows i to i + LANES of an array of n rows, the last one again beyond its end; and back. */
 static void load(const double *from, long n, long i, int width, real *to)
 {
     int l, c;
-    for (l = 0; l < LANES; l++) {
-        const double *row = from + width * (i + l < n ? i + l : n - 1);
-        for (c = 0; c < width; c++) to[c][l] = row[c];
+    for (c = 0; c < width; c++) {
+        real all = {0.0};
+        for (l = 0; l < LANES; l++) all[l] = from[width * (i + l < n ? i + l : n - 1) + c];
+        to[c] = all;
     }
 }
 

@@ -21,6 +21,8 @@ ROUNDS = 40
 """Newton steps at most, as in `pcalib.mechanics.kinematics`."""
 NEARLY = 1e-9
 """[m] loop error from which one more step leaves rounding alone."""
+CLOSE = 2e-15
+"""[m] loop error that is rounding alone: some units in the last place of a metre."""
 AGREES = 1e-11
 """[m, rad] by which the self-test lets code and answers differ: ten times what was seen on all kinds of robots."""
 
@@ -129,7 +131,7 @@ def constants(rods: Rods) -> tuple[dict[str, int | float], dict[str, np.ndarray]
     waves = list(rods.waves.items()) or [(1, (np.zeros(rods.nq), np.zeros(rods.nq)))]
     numbers = {
         "NQ": rods.nq, "M": len(rods.rods), "H": hinges, "ND": len(rods.dofs), "WAVES": len(rods.waves),
-        "ROUNDS": ROUNDS, "NEARLY": NEARLY, "PI": float(np.pi), "TURNS": int(rods.dimension == "angle"),
+        "ROUNDS": ROUNDS, "NEARLY": NEARLY, "CLOSE": CLOSE, "PI": float(np.pi), "TURNS": int(rods.dimension == "angle"),
         "RODS_GROW": int(rods.rod_growth.any()), "ARMS_GROW": int(rods.arm_growth.any()),
         "BASE_GROWS": int(rods.base_growth.any()), "TILT_FREE": tilt_free, "KEEP_YAW": int(keep_yaw), "LOOSE": loose,
         "ROD_SIDE": rods.rod_side, "MAX_TILT": float(rods.max_tilt), "Q_MIN": rods.joint_range[0],

@@ -19,6 +19,7 @@ typedef double real;
 #define SIN sin
 #define COS cos
 #define ATAN2 atan2
+#define UNROLL
 #endif
 #define DOT(a, b) ((a)[0] * (b)[0] + (a)[1] * (b)[1] + (a)[2] * (b)[2])
 
@@ -230,11 +231,11 @@ static real by_actuator(const closure *at, int r)
 static void solve(real A[M][M], real y[M])
 {
     int i, j, k;
-    for (k = 0; k < M; k++) {
+    UNROLL for (k = 0; k < M; k++) {
         real inverse;
-        for (i = k + 1; i < M; i++) {
+        UNROLL for (i = k + 1; i < M; i++) {
             const real up = FABS(A[k][k]), low = FABS(A[i][k]), u = y[k], v = y[i];
-            for (j = k; j < M; j++) {
+            UNROLL for (j = k; j < M; j++) {
                 const real a = A[k][j], c = A[i][j];
                 A[k][j] = SELECT(low > up, c, a);
                 A[i][j] = SELECT(low > up, a, c);
@@ -243,15 +244,15 @@ static void solve(real A[M][M], real y[M])
             y[i] = SELECT(low > up, u, v);
         }
         inverse = 1.0 / A[k][k];
-        for (i = k + 1; i < M; i++) {
+        UNROLL for (i = k + 1; i < M; i++) {
             const real factor = A[i][k] * inverse;
-            for (j = k + 1; j < M; j++) A[i][j] -= factor * A[k][j];
+            UNROLL for (j = k + 1; j < M; j++) A[i][j] -= factor * A[k][j];
             y[i] -= factor * y[k];
         }
         A[k][k] = inverse;
     }
-    for (k = M - 1; k >= 0; k--) {
-        for (j = k + 1; j < M; j++) y[k] -= A[k][j] * y[j];
+    UNROLL for (k = M - 1; k >= 0; k--) {
+        UNROLL for (j = k + 1; j < M; j++) y[k] -= A[k][j] * y[j];
         y[k] *= A[k][k];
     }
 }
@@ -290,8 +291,8 @@ static real newton(
     const real zero = {0.0};
     const int fixed = inverse ? NQ : 0; /* columns of commands */
     real worst = close_loops(p, R, reference, at);
-    int round, last = 0, i, r, c;
-    for (round = 0; round < ROUNDS && !last && ANY(worst < 1e6); round++) {
+    int round, last = 0, i, r, c; /* where nothing is finite, no comparison holds, and the loop ends */
+    for (round = 0; round < ROUNDS && !last && ANY(worst > CLOSE); round++) {
         real J[M][M], step[M], w[3], turn[9], turned[9];
         for (r = 0; r < M; r++) {
             for (i = 0; i < fixed; i++) J[r][i] = ACTUATOR[r] == i ? by_actuator(at, r) : zero;

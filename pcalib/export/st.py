@@ -39,7 +39,7 @@ def code(rods: Rods) -> str:
     loose = numbers.pop("LOOSE")
     numbers |= {"ROD_SIDE": float(rods.rod_side), "SINGULAR": 1e-14}
     arrays["LOOSE_AXIS"] = np.array([int(loose) >> axis & 1 for axis in range(3)])
-    unused = ("RODS_GROW", "ARMS_GROW", "BASE_GROWS")  # growth of nothing is zero here
+    unused = ("RODS_GROW", "ARMS_GROW", "BASE_GROWS", "CLOSE")  # growth of nothing is zero here
     kept = {name: value for name, value in numbers.items() if name not in unused}
     table = [f"    K_{name} : {_sort(value)} := {number(value)};" for name, value in kept.items()]
     table += [_array(f"K_{name}", values) for name, values in arrays.items()]
