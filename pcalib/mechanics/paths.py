@@ -40,34 +40,34 @@ class Paths:
     def misses(self, mechanism: Mechanism, k: np.ndarray) -> float:
         """[m] by which an anchor or a length, at a command in between, is not where these paths have it."""
         q = 0.7
-        there = _at(mechanism, k, q)
+        there = _at(mechanism, k, [q])
         A = self.centre + np.cos(q) * self.cosine + np.sin(q) * self.sine + q * self.slope
         return float(max(np.abs(A - there.A[0]).max(), np.abs(self.length + q * self.rate - there.length).max()))
 
 
-def _at(mechanism: Mechanism, k: np.ndarray, q: float) -> BaseSide:
-    return mechanism.actuation.base(k, np.full((1, len(mechanism.actuators)), q))
+def _at(mechanism: Mechanism, k: np.ndarray, q: list[float]) -> BaseSide:
+    return mechanism.actuation.base(k, np.repeat(q, len(mechanism.actuators)).reshape(len(q), -1))
 
 
 def base_paths(mechanism: Mechanism, k: np.ndarray) -> Paths:
     """The paths for parameters k (nk,), read off the anchors at zero and at a quarter turn."""
-    zero, quarter = _at(mechanism, k, 0.0), _at(mechanism, k, 0.5 * np.pi)
-    m = zero.A.shape[1]
-    straight = np.all(np.abs(zero.dA[0] - quarter.dA[0]) < SAME, axis=1)[:, None]
-    cosine = np.where(straight, 0.0, -quarter.dA[0])
+    side = _at(mechanism, k, [0.0, 0.5 * np.pi])
+    m = side.A.shape[1]
+    straight = (np.abs(side.dA[0] - side.dA[1]) < SAME).all(axis=1)[:, None]
+    cosine = np.where(straight, 0.0, -side.dA[1])
     guided, guides, turned = np.zeros(m, bool), np.zeros((2, m, 3)), np.ones(m)
-    length = np.broadcast_to(zero.length, (1, m))[0].copy()
-    centre = zero.A[0] - cosine
-    if zero.guide is not None and quarter.guide is not None:
-        guided = ~np.isnan(zero.guide[0, :, 0])
-        guides = np.nan_to_num(np.stack([zero.guide[0], quarter.guide[0]]))
+    length = side.length if side.length.ndim == 1 else side.length[0]
+    centre = side.A[0] - cosine
+    if side.guide is not None:
+        guided = ~np.isnan(side.guide[0, :, 0])
+        guides = np.nan_to_num(side.guide)
         plate = mechanism.plate_points(k)
         for g in np.flatnonzero(guided):
             same = np.abs(centre - centre[g]).max(axis=1) + np.abs(plate - plate[g]).max(axis=1)
             same[guided] = np.inf
             turned[g] = length[int(np.argmin(same))]
     return Paths(
-        centre=centre, cosine=cosine, sine=np.where(straight, 0.0, zero.dA[0]),
-        slope=np.where(straight, zero.dA[0], 0.0), length=length, rate=np.broadcast_to(zero.dlength, (1, m))[0].copy(),
+        centre=centre, cosine=cosine, sine=np.where(straight, 0.0, side.dA[0]),
+        slope=np.where(straight, side.dA[0], 0.0), length=length, rate=np.broadcast_to(side.dlength, (2, m))[0],
         guided=guided, guide_cosine=guides[0], guide_sine=guides[1], guide_length=turned,
     )  # fmt: skip
