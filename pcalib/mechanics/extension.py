@@ -11,11 +11,13 @@ VARIABLE = "PCALIB_NATIVE"
 """Environment variable that leaves everything to NumPy where it is 0."""
 
 
-@cache
 def library() -> ctypes.PyDLL | None:
     """The extension; None where it was not built, cannot run on this processor, or is not wanted."""
-    if os.environ.get(VARIABLE) == "0":
-        return None
+    return None if os.environ.get(VARIABLE) == "0" else _built()
+
+
+@cache
+def _built() -> ctypes.PyDLL | None:
     spec = util.find_spec("pcalib._native")
     if spec is None or spec.origin is None:
         return None

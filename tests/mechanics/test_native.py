@@ -90,14 +90,7 @@ def test_any_number_of_poses(n):
 def test_numpy_does_the_same_without_it(case, monkeypatch):
     robot, k, q, _ = case
     monkeypatch.setenv(extension.VARIABLE, "0")
-    for cached in (extension.library, native._shape):
-        cached.cache_clear()
-    try:
-        assert extension.library() is None and "PCALIB_NATIVE=0" in extension.about()
-        assert native.forward(robot.mechanism, k, q, None) is None
-        assert kinematics.forward(robot.mechanism, k, q[:20]).status.tolist() == kinematics._forward(
-            robot.mechanism, k, q[:20]
-        ).status.tolist()
-    finally:
-        for cached in (extension.library, native._shape):
-            cached.cache_clear()
+    assert extension.library() is None and "PCALIB_NATIVE=0" in extension.about()
+    assert native.forward(robot.mechanism, k, q, None) is None
+    known = kinematics._forward(robot.mechanism, k, q[:20])
+    np.testing.assert_array_equal(kinematics.forward(robot.mechanism, k, q[:20]).pose.R, known.pose.R)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json as json_text
+import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +32,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.diagnose import diagnose
 from pcalib.errors import InputError
 from pcalib.fitting import identification
-from pcalib.mechanics import kinematics
+from pcalib.mechanics import extension, kinematics, native
 from pcalib.model import Model
 from pcalib.robot import Robot
 from pcalib.workspace import reachable
@@ -40,6 +42,8 @@ FIT_MS, FORWARD_US, EXACT_US, FIRST_US, IMPORT_S, HELP_S = 10.0, 8.0, 12.0, 3.0,
 CLOSURE_TIMES, SETTLING_TIMES = 30.0, 1000.0
 READING_TIMES, DIAGNOSIS_TIMES = 200.0, 100.0
 """Three times what was measured: 100,000 rows take as long as 70 identifications of 120 poses, a diagnosis as 31."""
+IN_C_FORWARD, IN_C_EXACT = 8.0, 6.0
+"""A third of what was measured: the extension in C is 26 and 20 times as fast as NumPy."""
 POSES = 60
 TARGETS = 100_000
 ROBOTS = 7
@@ -76,7 +80,8 @@ def command(
     parts: list[timing.Part] = [
         lambda: fits(main_robot, runs),
         lambda: kinematic(main_robot, targets, min(runs, 5)),
-        lambda: start_up(min(runs, 7)),
+        lambda: in_c(main_robot, targets, min(runs, 5)),
+        lambda: start_up(main_robot, min(runs, 7)),
         lambda: by_the_fit(main_robot, targets, min(runs, 3)),
     ]
     why = peer_sysid.missing() if peers else "left out"
@@ -132,8 +137,55 @@ def kinematic(robot: Robot, targets: int, runs: int) -> list[Cost]:
     ]
 
 
-def start_up(runs: int) -> list[Cost]:
-    """Seconds until Python has imported the package, and until the program has printed its help."""
+def in_c(robot: Robot, targets: int, runs: int) -> list[Cost]:
+    """How many times as long NumPy takes as the extension; they take turns, so that what slows one slows both."""
+    if extension.library() is None:
+        frame.say(f"No comparison with C: {extension.about()}.")
+        return []
+    mechanism = robot.mechanism
+    k = mechanism.nominal + truths.draw_errors(robot, 1e-4, np.radians(0.05), seed=2)
+    model = Model.nominal(robot).with_geometry(k)
+    q = reachable(robot, targets, np.random.default_rng(3)).q
+    wanted = kinematics.forward(mechanism, k, q).pose.tcp(TOOL)
+    (data,) = data_sets(robot, POSES, 1)
+
+    def first_order() -> object:
+        return compensation.compensate(model, wanted, TOOL, method="first-order", limits=False)
+
+    out = []
+    for name, work, bound in (
+        (f"forward kinematics, {targets} poses", lambda: kinematics.forward(mechanism, k, q), IN_C_FORWARD),
+        ("exact inverse", lambda: kinematics.inverse(mechanism, k, wanted, None, TOOL), IN_C_EXACT),
+        ("first-order compensation", first_order, None),
+        (f"identification, {POSES} full poses", lambda: identification.fit(data, robot), None),
+    ):
+        taken = []
+        for _ in range(runs):
+            fast = median(work, 1)
+            with left_to_numpy():
+                taken.append((fast, median(work, 1)))
+        fast, slow = np.median(taken, axis=0)
+        out.append(Cost(f"NumPy by C: {name}", slow / fast, "times", bound, at_least=True))
+    alone = 1e6 * median(lambda: native.forward(mechanism, k, q, None), runs) / targets
+    return [*out, Cost("forward kinematics, the C alone", alone, "µs")]
+
+
+@contextmanager
+def left_to_numpy() -> Iterator[None]:
+    """Without the extension."""
+    before = os.environ.get(extension.VARIABLE)
+    os.environ[extension.VARIABLE] = "0"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[extension.VARIABLE]
+        else:
+            os.environ[extension.VARIABLE] = before
+
+
+def start_up(robot: Robot, runs: int) -> list[Cost]:
+    """Seconds until the package is imported and help is printed; whole commands as multiples of importing NumPy."""
 
     def seconds(*arguments: str) -> float:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -142,13 +194,27 @@ def start_up(runs: int) -> list[Cost]:
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
     def middle(*arguments: str) -> float:
-        seconds(*arguments)  # compiled and in the cache
+        if runs > 1:
+            seconds(*arguments)  # compiled and in the cache
         return float(np.median([seconds(*arguments) for _ in range(runs)]))
 
-    return [
+    (data,) = data_sets(robot, 150, 1)
+    out = [
         Cost("import pcalib, python included", middle("-c", "import pcalib"), "s", IMPORT_S),
         Cost("pcalib --help", middle("-m", "pcalib", "--help"), "s", HELP_S),
     ]
+    with tempfile.TemporaryDirectory() as folder:
+        path, drawn, model = (str(Path(folder) / name) for name in ("data.csv", "robot.toml", "model.toml"))
+        measurement.save(Path(path), data)
+        Path(drawn).write_text(robot.text, encoding="utf-8")
+        reference = middle("-c", "import numpy")
+        for name, *arguments in (
+            ("--version",), ("inspect", path, "--robot", drawn), ("fit", path, "--robot", drawn, "-o", model),
+            ("compare", path, "--model", model),
+        ):  # fmt: skip
+            value = middle("-m", "pcalib", name, *arguments) / reference
+            out.append(Cost(f"pcalib {name}{', 150 rows' if arguments else ''}, by 'import numpy'", value, "times"))
+    return out
 
 
 def by_the_fit(robot: Robot, rows: int, runs: int) -> list[Cost]:
