@@ -75,7 +75,37 @@ static inline real sine(real a, double quarter)
 #define CLOSE 2e-15  /* as in the exported code */
 #define CLOSED 1e-14 /* TOLERANCE of kinematics.py */
 
-/* Effects come as deviations, which are left to NumPy. */
+/* Effects come as deviations, each null or an array with a row per pose: drives (NQ), rods (M), base-side anchors (M, 3)
+ * and plate-side anchors (M, 3), as Deviation of loops.py. */
+typedef struct {
+    const double *drive, *rod, *elbow, *plate;
+} deviation;
+
+static deviation DEVIATION; /* of the call that runs, and where it is: the interpreter's lock is held */
+static long POSES, POSE;
+
+static real entry(const double *from, int width, int c)
+{
+    real all = {0.0};
+    int l;
+    for (l = 0; l < LANES; l++) all[l] = from[width * (POSE + l < POSES ? POSE + l : POSES - 1) + c];
+    return all;
+}
+#define DEVIATE_DRIVE(i, q) \
+    if (DEVIATION.drive) q += entry(DEVIATION.drive, NQ, i);
+#define DEVIATE_ROD(r, at) \
+    if (DEVIATION.rod) at->l[r] += entry(DEVIATION.rod, M, r); \
+    if (DEVIATION.elbow) deviate(at->A[r], DEVIATION.elbow, r);
+#define DEVIATE_PLATE(r, b) \
+    if (DEVIATION.plate) deviate(b, DEVIATION.plate, r);
+
+static void deviate(real point[3], const double *by, int r)
+{
+    int i;
+    for (i = 0; i < 3; i++) point[i] += entry(by, 3 * M, 3 * r + i);
+}
+
+/* and not by effects of the numbers themselves */
 #define WAVES 0
 #define RODS_GROW 0
 #define ARMS_GROW 0
@@ -130,22 +160,18 @@ static const table *T; /* of the call that runs: the interpreter's lock is held 
 #include "kernel.c"
 #undef static
 
-/* Rows i to i + LANES of an array of n rows, the last one again beyond its end; and back. */
-static void load(const double *from, long n, long i, int width, real *to)
+/* Rows POSE to POSE + LANES of an array, the last one again beyond its end; and back. */
+static void load(const double *from, int width, real *to)
 {
-    int l, c;
-    for (c = 0; c < width; c++) {
-        real all = {0.0};
-        for (l = 0; l < LANES; l++) all[l] = from[width * (i + l < n ? i + l : n - 1) + c];
-        to[c] = all;
-    }
+    int c;
+    for (c = 0; c < width; c++) to[c] = entry(from, width, c);
 }
 
-static void store(const real *from, long n, long i, int width, double *to)
+static void store(const real *from, int width, double *to)
 {
     int l, c;
-    for (l = 0; l < LANES && i + l < n; l++)
-        for (c = 0; c < width; c++) to[width * (i + l) + c] = from[c][l];
+    for (l = 0; l < LANES && POSE + l < POSES; l++)
+        for (c = 0; c < width; c++) to[width * (POSE + l) + c] = from[c][l];
 }
 
 static void unturned(real R[9])
@@ -185,13 +211,12 @@ static void meet(const closure *at, real x[3])
 }
 
 /* What is left of the loops' errors, and whether a pose is solved: closed to rounding on the working branch. */
-static void judge(
-    const closure *at, const real R[9], const real R0[9], real worst, long n, long i, double *residual, char *solved)
+static void judge(const closure *at, const real R[9], const real R0[9], real worst, double *residual, char *solved)
 {
     const real room = margin(at, R, R0);
     int l;
-    store(&worst, n, i, 1, residual);
-    for (l = 0; l < LANES && i + l < n; l++) solved[i + l] = worst[l] <= CLOSED && room[l] > 0.0;
+    store(&worst, 1, residual);
+    for (l = 0; l < LANES && POSE + l < POSES; l++) solved[POSE + l] = worst[l] <= CLOSED && room[l] > 0.0;
 }
 
 #define JOINED(a, b) a##b
@@ -204,22 +229,23 @@ int NAMED(SHAPE, _runs_here)(void) { return HERE; }
 
 /* x, R and phi are where to start if `started`, and the solution. */
 void NAMED(SHAPE, _forward)(
-    const double *numbers, long n, int started, const double *commands, double *x, double *R, double *phi,
-    double *residual, char *solved)
+    const double *numbers, long n, int started, const deviation *deviates, const double *commands, double *x, double *R,
+    double *phi, double *residual, char *solved)
 {
     const real origin[3] = {{0.0}};
     const warming none = {0.0, 0.0, 0.0};
-    long i;
     T = (const table *)numbers;
-    for (i = 0; i < n; i += LANES) {
+    DEVIATION = *deviates;
+    POSES = n;
+    for (POSE = 0; POSE < n; POSE += LANES) {
         real q[NQ], p[3] = {{0.0}}, turn[9], turn0[9], hinge[H + 1], worst;
         closure at;
-        load(commands, n, i, NQ, q);
+        load(commands, NQ, q);
         base_side(q, &none, &at);
         if (started) {
-            load(x, n, i, 3, p);
-            load(R, n, i, 9, turn);
-            load(phi, n, i, H, hinge);
+            load(x, 3, p);
+            load(R, 9, turn);
+            load(phi, H, hinge);
             plate_side(hinge, at.b);
         } else {
             unturned(turn);
@@ -228,43 +254,52 @@ void NAMED(SHAPE, _forward)(
         }
         memcpy(turn0, turn, sizeof turn);
         worst = newton(0, q, &none, p, turn, hinge, origin, turn0, &at);
-        store(p, n, i, 3, x);
-        store(turn, n, i, 9, R);
-        store(hinge, n, i, H, phi);
-        judge(&at, turn, turn0, worst, n, i, residual, solved);
+        store(p, 3, x);
+        store(turn, 9, R);
+        store(hinge, H, phi);
+        judge(&at, turn, turn0, worst, residual, solved);
     }
 }
 
-/* positions of the tool point (n, 3), R0 (n, 9) or null, tools (n, 3), or (3) if `one_tool`. */
+/* positions of the tool point (n, 3), R0 (n, 9) or null, tools (n, 3). q, R and phi are where to start if `started`, and
+ * the solution, with x. */
 void NAMED(SHAPE, _inverse)(
-    const double *numbers, long n, int one_tool, const double *positions, const double *R0, const double *tools,
-    double *commands, double *x, double *R, double *phi, double *residual, char *solved)
+    const double *numbers, long n, int started, const deviation *deviates, const double *positions, const double *R0,
+    const double *tools, double *commands, double *x, double *R, double *phi, double *residual, char *solved)
 {
     const warming none = {0.0, 0.0, 0.0};
-    long i;
     T = (const table *)numbers;
-    for (i = 0; i < n; i += LANES) {
+    DEVIATION = *deviates;
+    POSES = n;
+    for (POSE = 0; POSE < n; POSE += LANES) {
         real q[NQ], p[3], tool[3], arm[3], place[3], turn[9], turn0[9], hinge[H + 1], worst;
         closure at;
         int c;
-        load(positions, n, i, 3, p);
-        load(tools, one_tool ? 1 : n, one_tool ? 0 : i, 3, tool);
-        if (R0) load(R0, n, i, 9, turn);
-        else unturned(turn);
-        memcpy(turn0, turn, sizeof turn);
-        level(turn, hinge);
-        plate_side(hinge, at.b);
-        turn3(turn, tool, arm);
-        for (c = 0; c < 3; c++) place[c] = p[c] - arm[c];
-        first_commands(place, turn, &at, q);
+        load(positions, 3, p);
+        load(tools, 3, tool);
+        if (R0) load(R0, 9, turn0);
+        else unturned(turn0);
+        if (started) {
+            load(commands, NQ, q);
+            load(R, 9, turn);
+            load(phi, H, hinge);
+            plate_side(hinge, at.b);
+        } else { /* without deviations, which native.py leaves to NumPy here */
+            memcpy(turn, turn0, sizeof turn);
+            level(turn, hinge);
+            plate_side(hinge, at.b);
+            turn3(turn, tool, arm);
+            for (c = 0; c < 3; c++) place[c] = p[c] - arm[c];
+            first_commands(place, turn, &at, q);
+        }
         base_side(q, &none, &at);
         worst = newton(1, q, &none, p, turn, hinge, tool, turn0, &at);
         turn3(turn, tool, arm);
         for (c = 0; c < 3; c++) p[c] -= arm[c];
-        store(q, n, i, NQ, commands);
-        store(p, n, i, 3, x);
-        store(turn, n, i, 9, R);
-        store(hinge, n, i, H, phi);
-        judge(&at, turn, turn0, worst, n, i, residual, solved);
+        store(q, NQ, commands);
+        store(p, 3, x);
+        store(turn, 9, R);
+        store(hinge, H, phi);
+        judge(&at, turn, turn0, worst, residual, solved);
     }
 }

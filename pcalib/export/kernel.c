@@ -20,6 +20,9 @@ typedef double real;
 #define COS cos
 #define ATAN2 atan2
 #define UNROLL
+#define DEVIATE_DRIVE(i, q) /* batches have small deviations of every pose from the numbers of the robot */
+#define DEVIATE_ROD(r, at)
+#define DEVIATE_PLATE(r, b)
 #endif
 #define DOT(a, b) ((a)[0] * (b)[0] + (a)[1] * (b)[1] + (a)[2] * (b)[2])
 
@@ -100,6 +103,7 @@ static void base_side(const real q[NQ], const warming *warm, closure *at)
     for (i = 0; i < NQ; i++) {
         true_q[i] = q[i] * (1.0 + RATIO[i]);
         rate[i] = 1.0 + RATIO[i] + zero;
+        DEVIATE_DRIVE(i, true_q[i])
         for (w = 0; w < WAVES; w++) {
             const double n = CYCLES[w];
             true_q[i] += WAVE_SINE[w][i] * SIN(n * q[i]) + WAVE_COSINE[w][i] * COS(n * q[i]);
@@ -131,6 +135,7 @@ static void base_side(const real q[NQ], const warming *warm, closure *at)
             at->l[r] += ROD_GROWTH[r] * warm->rods * (LENGTH[r] + RATE[r] * q[a]);
             at->dl[r] += ROD_GROWTH[r] * warm->rods * RATE[r];
         }
+        DEVIATE_ROD(r, at)
     }
 }
 
@@ -141,6 +146,7 @@ static void plate_side(const real *phi, real b[M][3])
     int r, i;
     for (r = 0; r < M; r++) {
         for (i = 0; i < 3; i++) b[r][i] = PLATE[r][i] + zero;
+        DEVIATE_PLATE(r, b[r])
 #if H > 0
         if (BODY[r]) {
             const int h = BODY[r] - 1;

@@ -207,10 +207,15 @@ def forward(
         Solution, with a status per pose: nothing is raised for a pose that cannot be reached.
     """
     q = np.atleast_2d(np.asarray(q, float))
-    if deviation.none and tolerance == TOLERANCE and max_iterations >= native.ROUNDS:
-        found = native.forward(mechanism, k, q, start)
+    if tolerance == TOLERANCE and max_iterations >= native.ROUNDS:
+        found = native.forward(mechanism, k, q, start, deviation)
         if found is not None:
-            return _completed(found, lambda rows: _forward(mechanism, k, q[rows], start and start.take(rows)))
+
+            def remaining(rows: np.ndarray) -> Solution:
+                near = None if start is None else start.take(rows)
+                return _forward(mechanism, k, q[rows], near, deviation.take(rows))
+
+            return _completed(found, remaining)
     return _forward(mechanism, k, q, start, deviation, tolerance, max_iterations)
 
 
@@ -295,14 +300,15 @@ def inverse(
         start: an earlier solution to start from; the closed-form inverse at R when absent.
     """
     position = np.atleast_2d(np.asarray(position, float))
-    if start is None and deviation.none and tolerance == TOLERANCE and max_iterations >= native.ROUNDS:
+    if tolerance == TOLERANCE and max_iterations >= native.ROUNDS:
         t, R = np.asarray(tool, float), rotation_matrix
-        found = native.inverse(mechanism, k, position, R, t)
+        found = native.inverse(mechanism, k, position, R, t, start and (start.q, start.pose), deviation)
         if found is not None:
 
             def remaining(rows: np.ndarray) -> Solution:
-                turn = None if R is None else R[rows]
-                return _inverse(mechanism, k, position[rows], turn, t[rows] if t.ndim == 2 else t)
+                turn, near = None if R is None else R[rows], None if start is None else start.take(rows)
+                point = t[rows] if t.ndim == 2 else t
+                return _inverse(mechanism, k, position[rows], turn, point, near, deviation.take(rows))
 
             return _completed(found, remaining)
     return _inverse(mechanism, k, position, rotation_matrix, tool, start, deviation, tolerance, max_iterations)

@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from pcalib.mechanics.extension import library
+from pcalib.mechanics.loops import RIGID, Deviation
 from pcalib.mechanics.mechanism import Mechanism, Pose
 from pcalib.mechanics.paths import SAME, base_paths
 
@@ -61,6 +62,12 @@ def _shape(mechanism: Mechanism) -> str | None:
 
 def _numbers(mechanism: Mechanism, k: np.ndarray) -> np.ndarray:
     """The numbers of a robot in the order of `table` in native/batch.c."""
+    return _numbers_of(mechanism, np.ascontiguousarray(k, float).tobytes())
+
+
+@lru_cache(maxsize=16)  # loads and poses are iterated at one geometry
+def _numbers_of(mechanism: Mechanism, parameters: bytes) -> np.ndarray:
+    k = np.frombuffer(parameters)
     p = base_paths(mechanism, k)
     turns = float(mechanism.actuator_dimension == "angle")
     hinges = [hinge.at(k) for hinge in mechanism.hinges]
@@ -72,9 +79,17 @@ def _numbers(mechanism: Mechanism, k: np.ndarray) -> np.ndarray:
     return np.concatenate([np.ravel(part) for part in parts])
 
 
-def _run(name: str, numbers: np.ndarray, n: int, flag: bool, *arrays: np.ndarray | None) -> None:
-    pointers = [None if a is None else a.ctypes.data_as(ctypes.c_void_p) for a in (numbers, *arrays)]
-    getattr(library(), name)(pointers[0], ctypes.c_long(n), ctypes.c_int(flag), *pointers[1:])
+def _address(array: np.ndarray | None) -> ctypes.c_void_p | None:
+    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
+
+
+def _run(
+    name: str, numbers: np.ndarray, n: int, started: bool, deviation: Deviation, *arrays: np.ndarray | None
+) -> None:
+    deviates = [None if v is None else np.ascontiguousarray(v, float) for v in vars(deviation).values()]
+    four = (ctypes.c_void_p * 4)(*(None if v is None else v.ctypes.data for v in deviates))
+    flag = ctypes.c_int(started)
+    getattr(library(), name)(_address(numbers), ctypes.c_long(n), flag, four, *(_address(a) for a in arrays))
 
 
 def _own(values: np.ndarray, *shape: int) -> np.ndarray:
@@ -82,21 +97,24 @@ def _own(values: np.ndarray, *shape: int) -> np.ndarray:
     return np.array(np.broadcast_to(values, shape), float, order="C")
 
 
-def forward(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, start: Pose | None) -> Found | None:
+def forward(
+    mechanism: Mechanism, k: np.ndarray, q: np.ndarray, start: Pose | None = None, deviation: Deviation = RIGID
+) -> Found | None:
     """Plate poses for commands q (N, nq); None where NumPy has to find them all."""
     name = library() and _shape(mechanism)
     if not name:
         return None
     n, h = len(q), len(mechanism.hinges)
-    if start is None and not mechanism.level_pairs:
+    if start is None and not (mechanism.level_pairs and deviation.none):
         start = mechanism.start(k, q)
     if start is None:
         pose = Pose(np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, h)))
     else:
-        pose = Pose(_own(start.x, n, 3), _own(start.R, n, 3, 3), _own(start.phi, n, h))
+        pose = Pose(_own(start.x, n, 3), _own(start.R, n, 3, 3), _own(start.phi, n, h) if h else np.empty((n, 0)))
     residual, solved = np.empty(n), np.empty(n, bool)
     q = np.ascontiguousarray(q, float)
-    _run(f"{name}_forward", _numbers(mechanism, k), n, start is not None, q, pose.x, pose.R, pose.phi, residual, solved)
+    arrays = (q, pose.x, pose.R, pose.phi, residual, solved)
+    _run(f"{name}_forward", _numbers(mechanism, k), n, start is not None, deviation, *arrays)
     return Found(q, pose, residual, solved)
 
 
@@ -106,22 +124,32 @@ def inverse(
     position: np.ndarray,
     R: np.ndarray | None,
     tool: np.ndarray,
+    start: tuple[np.ndarray, Pose] | None = None,
+    deviation: Deviation = RIGID,
 ) -> Found | None:
     """Commands for tool points (N, 3) and orientations R (N, 3, 3); None where NumPy has to find them all.
 
     Args:
         tool: (), (3,) or (N, 3) [m].
+        start: commands (N, nq) and poses to start from; the closed form where absent, which knows no deviation.
     """
     name = library() and _shape(mechanism)
     if not name or not {0, 1, 2} & set(mechanism.plate_dofs) <= set(mechanism.task):
         return None  # what the task leaves free of a place is looked for from another start
+    if start is None and not deviation.none:
+        return None
     n, h = len(position), len(mechanism.hinges)
     position = np.ascontiguousarray(position, float)
     turn = None if R is None else np.ascontiguousarray(np.broadcast_to(R, (n, 3, 3)), float)
-    tool = np.ascontiguousarray(np.broadcast_to(tool, (n, 3) if tool.ndim == 2 else 3), float)
-    q = np.empty((n, len(mechanism.actuators)))
-    pose = Pose(np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, h)))
+    tool = np.ascontiguousarray(np.broadcast_to(tool, (n, 3)), float)
+    if start is None:
+        q = np.empty((n, len(mechanism.actuators)))
+        pose = Pose(np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, h)))
+    else:
+        q = _own(start[0], n, len(mechanism.actuators))
+        phi = _own(start[1].phi, n, h) if h else np.empty((n, 0))
+        pose = Pose(np.empty((n, 3)), _own(start[1].R, n, 3, 3), phi)
     residual, solved = np.empty(n), np.empty(n, bool)
     arrays = (position, turn, tool, q, pose.x, pose.R, pose.phi, residual, solved)
-    _run(f"{name}_inverse", _numbers(mechanism, k), n, tool.ndim == 1, *arrays)
+    _run(f"{name}_inverse", _numbers(mechanism, k), n, start is not None, deviation, *arrays)
     return Found(q, pose, residual, solved)

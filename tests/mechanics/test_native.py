@@ -10,6 +10,8 @@ import pytest
 from pcalib import robot as robots
 from pcalib import rotation
 from pcalib.mechanics import extension, kinematics, native
+from pcalib.mechanics.loops import Deviation
+from pcalib.workspace import reachable
 
 FILES = sorted((Path(__file__).parents[2] / "models").glob("*.toml"))
 N = 2000
@@ -76,6 +78,29 @@ def test_a_start_is_kept_to(case):
     near = kinematics._forward(robot.mechanism, robot.mechanism.nominal, q)
     q, start = q[near.ok], near.pose.take(near.ok)
     compare(kinematics.forward(robot.mechanism, k, q, start), kinematics._forward(robot.mechanism, k, q, start))
+
+
+@built
+@pytest.mark.parametrize("which", [("actuator",), ("rod",), ("elbow",), ("plate",), ("actuator", "rod", "elbow", "plate")])
+def test_deviations_are_those_of_numpy(case, which):
+    """What effects move: as large as soft drives and warm rods make it."""
+    robot, k, _, rng = case
+    mechanism, within = robot.mechanism, reachable(robot, 400, rng)
+    q, start = within.q, kinematics._forward(mechanism, k, within.q, within.pose).pose
+    n, m = len(q), len(mechanism.rods)
+    shapes = {"actuator": (n, q.shape[1]), "rod": (n, m), "elbow": (n, m, 3), "plate": (n, m, 3)}
+    deviation = Deviation(**{name: 2e-4 * rng.standard_normal(shapes[name]) for name in which})
+    known = kinematics._forward(mechanism, k, q, start, deviation)
+    compare(kinematics.forward(mechanism, k, q, start, deviation), known)
+    assert np.abs(known.pose.x - start.x).max() > 1e-5
+    compare(kinematics.forward(mechanism, k, q, None, deviation), kinematics._forward(mechanism, k, q, None, deviation))
+
+    tool = 0.1 * mechanism.tool_direction
+    before = kinematics._inverse(mechanism, k, start.tcp(tool), start.R, tool)
+    goal, R = start.tcp(tool)[before.ok], start.R[before.ok]
+    before, deviation = before.take(before.ok), deviation.take(before.ok)
+    known = kinematics._inverse(mechanism, k, goal, R, tool, before, deviation)
+    compare(kinematics.inverse(mechanism, k, goal, R, tool, before, deviation), known)
 
 
 @built
