@@ -17,6 +17,7 @@ FILES = sorted((Path(__file__).parents[2] / "models").glob("*.toml"))
 N = 2000
 AGREE = 1e-13
 """[m or rad] asked for over the workspace."""
+ALL = ("actuator", "rod", "elbow", "plate")
 built = pytest.mark.skipif(extension.library() is None, reason=f"no extension: {extension.about()}")
 
 
@@ -81,7 +82,7 @@ def test_a_start_is_kept_to(case):
 
 
 @built
-@pytest.mark.parametrize("which", [("actuator",), ("rod",), ("elbow",), ("plate",), ("actuator", "rod", "elbow", "plate")])
+@pytest.mark.parametrize("which", [("actuator",), ("rod",), ("elbow",), ("plate",), ALL], ids="+".join)
 def test_deviations_are_those_of_numpy(case, which):
     """What effects move: as large as soft drives and warm rods make it."""
     robot, k, _, rng = case
