@@ -111,7 +111,7 @@ def table(rods: Rods) -> str:
         arrays = {name: values for name, values in arrays.items() if name not in ("BODY", "HINGE_POINT", "HINGE_AXIS")}
     return (
         f"/* {_comment(rods.name)}: forward and inverse kinematics of the calibrated robot. Written by pcalib.\n"
-        " * C99; cc -O2 -c pcalib_robot.c; needs <math.h> and <string.h> only. self_test.c tries it. */\n"
+        " * C99; cc -O3 -c pcalib_robot.c; needs <math.h> and <string.h> only. self_test.c tries it. */\n"
         '#include "pcalib_robot.h"\n\n#include <math.h>\n#include <string.h>\n\n'
         + "\n".join(f"#define {name} ({value!r})" for name, value in numbers.items())
         + "\n\n/* ---- the calibrated robot [m, rad, 1/K] ---- */\n\n"
@@ -229,7 +229,7 @@ int main(void)
 """
 MAKEFILE = """\
 # make test: compiles the code and compares it with pcalib's own answers
-CFLAGS ?= -O2 -std=c99 -Wall -Wextra -Werror -pedantic
+CFLAGS ?= -O3 -std=c99 -Wall -Wextra -Werror -pedantic
 
 test: self_test
 	./self_test

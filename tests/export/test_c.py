@@ -43,7 +43,7 @@ void forward(long n, const double *q, const double *t, double *x, int *status)
 
 def compiled(folder: Path, sources: list[str], output: str, *options: str) -> Path:
     assert COMPILER is not None
-    command = [COMPILER, *STRICT, "-O2", *options, "-o", output, *sources, "-lm"]
+    command = [COMPILER, *STRICT, "-O3", *options, "-o", output, *sources, "-lm"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return folder / output
