@@ -203,7 +203,9 @@ def from_replicates(data: Measurements, blocks: Blocks, V: np.ndarray) -> NoiseL
         parts, seen = inverse @ inner, inverse @ y
         return np.einsum("kcd,mdc->km", parts, parts), np.einsum("c,kcd,d->k", seen, inner, seen)
 
-    return _solve("replicates", data, blocks, normal, dof, ENOUGH_REPLICATES)
+    # Angles alone hardly answer to joints, and would blame a little noise on joints that miss by millimetres.
+    joints = dof[0] >= ENOUGH_REPLICATES or not blocks.measured[:, :3].any()
+    return _solve("replicates", data, blocks, normal, dof, ENOUGH_REPLICATES, joints)
 
 
 def from_rest(

@@ -106,7 +106,7 @@ def with_joints(data: Measurements, model: Model, pose: Pose) -> tuple[Noise, Re
     if not len(rows):
         return noise, nothing
     response = joint_response(model, data, pose)
-    found = repeated(data.take(rows), group[rows], response[rows])
+    found = repeated(data.take(rows), group[rows], response[rows], data.kinds[0])
     if not found.sigma_q:
         return noise, found
     return _counted(noise, found, response), found
@@ -122,7 +122,7 @@ def _counted(noise: Noise, found: Repeated, response: np.ndarray) -> Noise:
     return noise.scaled(ratio).with_joints(response, found.sigma_q)
 
 
-def repeated(data: Measurements, group: np.ndarray, response: np.ndarray) -> Repeated:
+def repeated(data: Measurements, group: np.ndarray, response: np.ndarray, lengths: bool = True) -> Repeated:
     """Variances of positions, rotations and joints from the scatter of replicates about the means of their groups.
 
     The scatter W of a group of r rows has the Wishart distribution of r − 1 degrees of freedom about
@@ -131,6 +131,8 @@ def repeated(data: Measurements, group: np.ndarray, response: np.ndarray) -> Rep
     Args:
         group: (N,) number of each row's group.
         response: G (N, 6, nq) derivative of the readings by the position of every actuator.
+        lengths: whether lengths are measured at all. Joints then count only where lengths are repeated: angles alone
+            hardly answer to joints, and would blame a little noise on joints that miss by millimetres.
     """
     first = np.unique(group, return_index=True)[1]
     alike = (data.mask == data.mask[first[group]]).all(axis=1)
@@ -165,7 +167,7 @@ def repeated(data: Measurements, group: np.ndarray, response: np.ndarray) -> Rep
     without = _scored([parts[k] for k in known], base, W, nu)
     both = _scored([*(parts[k] for k in known), joint], base, W, nu)
     quiet = float(np.mean(size[good])) < QUIET**2
-    clear = not quiet and 2 * (both[1] - without[1]) > CLEAR
+    clear = (enough[0] or not lengths) and not quiet and 2 * (both[1] - without[1]) > CLEAR
     theta = both[0] if clear else without[0]
     ratio = np.full(2, np.nan)
     ratio[known if data.correlation is None else slice(0, 2)] = np.sqrt(theta[: len(known)])
