@@ -2,6 +2,7 @@
 
     pcalib import motion-capture poses.csv -o data.csv --robot-output platform.toml
     pcalib import carriage-steps steps.csv --set rod=288mm --set radius=140mm -o data.csv --robot-output printer.toml
+    pcalib import point-list points.txt --robot delta --commands plan.csv --pair order -o data.csv
     pcalib import carriage-steps
 """
 
@@ -21,25 +22,42 @@ def command(
     output: OutputOption = None,
     robot_output: BesideOption = None,
     set: tuple[str, ...] = (),
+    robot: Path | None = None,
+    commands: Path | None = None,
+    pair: str | None = None,
     json: JsonOption = None,
 ) -> int | None:
     """Turn measurements of another origin into a measurement file and a robot file.
 
     Forms: motion-capture (a six-leg platform: leg commands in motor revolutions, measured position and quaternion) and
     carriage-steps and bed-heights (a linear Delta printer: carriage steps at contacts with the bed, or heights of the
-    bed probed at known x and y). With a form alone its settings are listed.
+    bed probed at known x and y). Readings without commands, which --robot and --commands complete: point-list (as
+    SpatialAnalyzer, PolyWorks, Leica and FARO write it), matrices (3 × 4 or 4 × 4, a line each), motive (OptiTrack) and
+    vicon. In a continuous recording the stops are found. With a form alone its settings are listed.
 
     Args:
-        form: What the file holds: motion-capture, carriage-steps or bed-heights.
+        form: What the file holds.
         file: File to read.
         output: Measurement file to write, CSV or Parquet.
         robot_output: Robot file to write: the robot as drawn or configured.
         set: NAME=VALUE with its unit, for what the file does not hold, e.g. rod=288mm; may be given several times.
+        robot: Robot file (TOML), or the name of a robot of models/: delta. For readings without commands.
+        commands: The commands that were measured, a table with q1_deg … and what tool, payload and the like they had.
+        pair: How readings are paired with commands: name, order (some of either may lack) or time. What cannot be
+            paired is listed and left out.
     """
-    from pcalib import files, importers
+    from pcalib import files, importers, recordings
     from pcalib.data import measurement
-    from pcalib.errors import InputError
+    from pcalib.errors import InputError, unknown
 
+    if form in recordings.FORMS.names():
+        from pcalib.cli import _recording
+
+        _recording.run(form, file, robot, commands, pair, set, output, json)
+        return None
+    if form not in importers.names():
+        forms = sorted([*importers.names(), *recordings.FORMS.names()])
+        raise InputError(unknown("form", form, forms), remedy="'pcalib import --help' describes them")
     importer = importers.get(form)
     if file is None:
         rows = [

@@ -228,12 +228,13 @@ class Measurements:
         return np.flatnonzero(self.check)
 
 
-def load(path: str | Path, robot: Robot | None = None) -> Measurements:
+def load(path: str | Path, robot: Robot | None = None, measured: bool = True) -> Measurements:
     """Read a measurement file, Parquet where its name ends with .parquet, else CSV.
 
     Args:
         robot: supplies the actuators, and the joint range and workspace that values must keep to; without it the
             actuators are those of the header and values are not judged.
+        measured: whether readings must be in it; a file of commands has none.
 
     Raises:
         InputError: whatever cannot be used, with file, line, column and remedy.
@@ -258,7 +259,7 @@ def load(path: str | Path, robot: Robot | None = None) -> Measurements:
     found = sensed.find(columns, said)
 
     q = columns.matrix(names)
-    position = _position(columns, robot, optional=bool(found))
+    position = _position(columns, robot, optional=bool(found) or not measured)
     turn, written = orientation.read(columns, robot, said.get("euler"), in_part=frame == "base")
     mask = _mask(position, turn)
     tool = cols.tool(columns)

@@ -170,7 +170,7 @@ def _short(cell: str) -> str:
 
 
 def _read_csv(path: Path) -> Table:
-    text = _decoded(path)
+    text = decoded(path)
     if text.startswith("PAR1"):
         raise InputError("this is a Parquet file", file=path, remedy="give it a name that ends with .parquet")
     stream = io.StringIO(text, newline="")
@@ -213,7 +213,7 @@ def _read_csv(path: Path) -> Table:
     return Table(str(path), columns, np.array(lines, int), metadata, metadata_lines, comments, top)
 
 
-def _decoded(path: Path) -> str:
+def decoded(path: Path) -> str:
     """The text of a table: UTF-8, or UTF-16 and Windows-1252 as spreadsheets save them.
 
     Raises:

@@ -25,8 +25,8 @@ def values(sensor, to, options, seed=0):
     return [rng.normal(0, 0.1, len(b.parameters)) for b in sensor.blocks(to, options)]
 
 
-def test_every_sensor_is_tried_here():
-    assert {name for name, _, _ in SET_UPS} == {s.name for s in sensors.every()}
+def test_every_sensor_is_tried_here(own_tests):
+    assert {s.name for s in sensors.every()} - own_tests <= {name for name, _, _ in SET_UPS}
 
 
 @pytest.mark.parametrize("name, to, options", SET_UPS)
