@@ -8,6 +8,7 @@ commands it can belong to; where that is not one alone, it stays unpaired.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -127,7 +128,7 @@ def _unambiguous(away: np.ndarray, close: float) -> list[tuple[int, int]]:
     certain = [certain[i] for i in _rising([c for _, c in certain])]
     out: list[tuple[int, int]] = []
     fences = [(-1, -1), *certain, (n, m)]
-    for (r0, c0), (r1, c1) in zip(fences, fences[1:], strict=False):
+    for (r0, c0), (r1, c1) in itertools.pairwise(fences):
         if r0 >= 0:
             out.append((r0, c0))
         rows = [r for r in range(r0 + 1, r1) if possible[r, c0 + 1 : c1].any()]

@@ -1,5 +1,7 @@
 """Readings and commands that come in two files: paired right or listed, never guessed."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -57,7 +59,7 @@ def test_by_name_and_by_time():
 def stops(points, rate=100.0, wait=1.0, move=0.5):
     rng = np.random.default_rng(0)
     x = [points[0]]
-    for a, b in zip(points, points[1:], strict=False):
+    for a, b in itertools.pairwise(points):
         x += [a] * int(wait * rate) + [a + (b - a) * s for s in np.linspace(0, 1, int(move * rate))]
     x += [points[-1]] * int(wait * rate)
     x = np.array(x) + 1e-5 * rng.standard_normal((len(x), 3))

@@ -82,7 +82,7 @@ DAMAGE: dict[str, tuple[Callable[[Sheet], object], str]] = {
     "a word": (lambda s: s.set(3, "q2_deg", "home"), r":9: column 'q2_deg': 'home' is not a finite number"),
     "a decimal comma": (lambda s: s.set(3, "x_mm", "1,5"), r":9: \d+ fields where the header has \d+"),
     "a blank command": (lambda s: s.set(3, "q1_deg", ""), r":9: column 'q1_deg': the field is blank"),
-    "half a rotation": (lambda s: s.set(3, "rx_deg", ""), r":9: column 'rx_deg': the rotation is given in part"),
+    "two thirds of a rotation": (lambda s: s.without("rx_deg"), r":5: column 'rx' is missing"),
     "no such direction": (lambda s: s.set(3, "dir1", "2"), r":9: column 'dir1': '2' is no direction"),
     "no such set": (lambda s: s.set(3, "set", "maybe"), r":9: column 'set': 'maybe' is no set"),
     "negative payload": (lambda s: s.set(3, "payload_kg", "-1"), r":9: .*a payload cannot be negative"),
