@@ -39,11 +39,16 @@ static inline real SQRT(real a)
     for (l = 0; l < LANES; l++) a[l] = sqrt(a[l]);
     return a;
 }
+
+/* To 1e-5 (Abramowitz and Stegun 4.4.47), enough for what it is used for: where Newton starts. */
 static inline real ATAN2(real y, real x)
 {
-    int l;
-    for (l = 0; l < LANES; l++) y[l] = atan2(y[l], x[l]);
-    return y;
+    const real high = FABS(y), wide = FABS(x);
+    const real t = chosen(high > wide, wide, high) / chosen(high > wide, high, wide), z = t * t;
+    real a = t * (0.9998660 + z * (-0.3302995 + z * (0.1801410 + z * (-0.0851330 + z * 0.0208351))));
+    a = chosen(high > wide, 1.57079632679489661923 - a, a);
+    a = chosen(x < 0.0, 3.14159265358979323846 - a, a);
+    return chosen(y < 0.0, -a, a);
 }
 
 /* Sine of a + quarter * pi / 2: remainder by pi / 2 in three parts (Cody and Waite), polynomials of fdlibm's k_sin and
