@@ -148,7 +148,7 @@ class _Asked:
 
     def frame(self, changed: Sequence[str]) -> np.ndarray:
         """Least-squares change of the measuring frame (0, 6 or 9) [m, rad], beside the changes of these names."""
-        new, n = self.session, self.session.frame.shape[1]
+        new, n = self.session, self.session.n_frame
         beside = [
             new.whitened(c.columns) * c.scale
             for c, slip in zip(self.candidates, self.slips, strict=True)

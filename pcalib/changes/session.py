@@ -9,6 +9,7 @@ import numpy as np
 from pcalib import prediction
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
+from pcalib.data.readings import POSE
 from pcalib.diagnosis.point import Point
 from pcalib.errors import InputError
 from pcalib.fitting import linearisation
@@ -51,6 +52,11 @@ class Session:
         """What the fit of the model left over."""
         assert self.model.posterior is not None
         return self.model.posterior.left
+
+    @property
+    def n_frame(self) -> int:
+        """How many of the columns of `frame` are the measuring frame's; those of the sensors' set-up follow."""
+        return self.frame.shape[1] - sum(len(block.theta) for block in self.model.setup)
 
     @property
     def row(self) -> np.ndarray:
@@ -112,6 +118,9 @@ def at(model: Model, data: Measurements, same_setup: bool) -> Session:
     if model.frame is not None and not same_setup:
         free = prediction.frame_columns(model, p, offset=data.frame == "tracker")
         free = free * FRAME_PRIOR[: free.shape[-1]]
+    if model.setup:  # stations and zeros are not part of the posterior: each session finds them anew
+        sizes = np.concatenate([block.prior for block in model.setup])
+        free = np.concatenate([free, prediction.setup_columns(p, len(sizes)) * sizes], axis=-1)
     inverse = np.linalg.solve(L, np.eye(len(L))) / np.sqrt(model.posterior.left.misfit)
     return Session(model, data, point, noise, inverse, inverse @ y, inverse @ noise.whiten(free), sensitivity)
 
@@ -143,4 +152,5 @@ def _registered(model: Model, data: Measurements, same_setup: bool) -> Model:
     if data.frame == "tracker":
         return linearisation.seen_from(replace(model, frame=None), data)
     # Readings in the base frame: the instrument was aligned to the base anew, and never exactly as before.
-    return replace(model, frame=Frame())
+    poses = data.readings is None or bool((data.readings.sensor == POSE).any())
+    return replace(linearisation.seen_from(model, data), frame=Frame() if poses else None)

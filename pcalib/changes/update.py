@@ -18,7 +18,7 @@ from pcalib.changes.session import FRAME_PRIOR, known, noise_of, session
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.point import Point
-from pcalib.errors import FitError
+from pcalib.errors import FitError, InputError
 from pcalib.fitting import linearisation
 from pcalib.fitting.sufficiency import require_reach
 from pcalib.model import Frame, Model
@@ -51,6 +51,11 @@ def update(model: Model, data: Measurements, changed: Sequence[Hypothesis], same
         InputError: the model keeps no uncertainty.
         FitError: the search does not settle.
     """
+    if data.readings is not None:
+        raise InputError(
+            "an update takes readings of poses only", file=data.source,
+            remedy="refit everything: pcalib fit DATA.csv --robot R.toml -o MODEL.toml",
+        )  # fmt: skip
     new = session(model, data, same_setup)
     model = new.model
     posterior = model.posterior

@@ -105,7 +105,7 @@ def fit(
     task = Task(used, noise, unknowns, np.arange(len(unknowns.names)), loss, prior_scale, max_iterations)
     seen = None
     if method != "map":
-        nominal = replace(Model.nominal(model.robot), effects=model.effects, frame=model.frame)
+        nominal = replace(Model.nominal(model.robot), effects=model.effects, frame=model.frame, setup=model.setup)
         seen = _seen(_rows(task, nominal), unknowns)
         beside = unknowns.names[unknowns.n_geometry :]
         chosen = np.array([i for i, name in enumerate(unknowns.names) if name in seen.base + beside], int)

@@ -1,5 +1,7 @@
 """From what sensors read to a calibrated robot: the virtual robot's sensors, pcalib's fit, and MuJoCo's landing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from bench import truth as truths
 from bench.jobs import instruments
 from bench.kinds import MODELS
 from pcalib import modelfile
+from pcalib.changes.search import changes
 from pcalib.data import measurement
 from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.diagnose import diagnose
@@ -18,6 +21,7 @@ from pcalib.fitting import identification, linearisation
 from pcalib.fitting.result import Code
 from pcalib.fitting.unknowns import apply, unknowns_of
 from pcalib.model import Model
+from pcalib.uncertainty.discrepancy import assessed
 
 SENSORS = """[sensors.ballbar]
 sigma_um = 2
@@ -128,3 +132,14 @@ def test_a_sigma_that_is_not_alike_along_all_axes_is_told(axes, delta):
     assert bool(told) is not axes
     if told:
         assert "tracker's z axis are" in told[0] and "# sigma_z_mm" in told[0]
+
+
+def test_a_later_session_with_the_same_stations_has_not_changed(delta):
+    truth, data = measured(n=80)
+    model = assessed(identification.fit(data, delta))
+    plan = plans.make(truth.robot, "random", 40, tools=TOOLS, seed=99)
+    again = simulate.run(truth, plan, 99).measurements
+    assert not changes(model, again).sets
+    moved = replace(truth, errors=truth.errors + 3e-4 * (np.array(delta.mechanism.parameters) == "l11"))
+    found = changes(model, simulate.run(moved, plan, 99).measurements)
+    assert ("l11",) in [chosen.names for chosen in found.sets]
