@@ -91,7 +91,7 @@ def command(
         say("- The model states no uncertainty: fit it anew with this version for that.")
     elif ok:
         _say_expected(expected, ok)
-        content["uncertainty"] = _json(expected, calibrated)
+        content["uncertainty"] = _json(expected, calibrated) if json is not None else None
     write_json(json, content)
     return NOT_HELD if strict and ok < len(wanted) else None
 

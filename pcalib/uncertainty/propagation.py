@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -39,12 +40,12 @@ class Expected:
     beyond: Mapping[Beyond, np.ndarray]
     """(N,) bool by condition: whether it was never measured."""
 
-    @property
+    @cached_property
     def u95(self) -> np.ndarray:
         """(N,) [m] radius of the sphere that contains the miss with 95 %."""
         return radius.containing(self.covariance)
 
-    @property
+    @cached_property
     def extrapolates(self) -> np.ndarray:
         """(N,) names of what was never measured, separated by spaces; '' where nothing."""
         words = [np.where(rows, f"{name} ", "").astype(object) for name, rows in self.beyond.items()]
@@ -64,20 +65,29 @@ def require_known(model: Model) -> None:
 
 
 def expect(
-    model: Model, q: np.ndarray, conditions: Conditions, start: Pose | None = None, rivals: Sequence[Model] = ()
+    model: Model,
+    q: np.ndarray,
+    conditions: Conditions,
+    start: Pose | None = None,
+    rivals: Sequence[Model] | None = None,
 ) -> Expected:
     """What to expect at commands.
 
     Args:
         q: (N, nq) [rad or m]; rows that are not finite get NaN.
         start: poses at which the loops close about there.
-        rivals: models of the rival explanations, in the order of `model.uncertainty.rivals`.
+        rivals: models of the rival explanations, in the order of `model.uncertainty.rivals`; made from what the model
+            keeps where they are absent.
 
     Raises:
         InputError: the model states no uncertainty.
     """
     require_known(model)
     assert model.uncertainty is not None
+    if rivals is None:
+        from pcalib.uncertainty.rivals import models
+
+        rivals = models(model)
     parts = {name: np.full((len(q), 3, 3), np.nan) for name in (*COMPONENTS, "all")}
     place = np.full((len(q), 3), np.nan)
     good = np.flatnonzero(np.isfinite(q).all(axis=1))

@@ -158,6 +158,7 @@ def test_a_rival_counts_where_it_would_land_the_tcp_elsewhere(data, delta):
 
     q, conditions = data.q[:3], Conditions(data.tool[:3], data.payload[:3])
     found = expect(torn, q, conditions, rivals=rivals.models(torn))
+    assert np.array_equal(expect(torn, q, conditions).covariance, found.covariance, equal_nan=True)
     apart = prediction.predict(other, q, conditions).position - prediction.predict(model, q, conditions).position
     assert np.allclose(found.components["rivals"], 0.5 * apart[:, :, None] * apart[:, None, :], rtol=1e-3, atol=1e-18)
     more = found.covariance - expect(model, q, conditions).covariance
