@@ -41,7 +41,7 @@ class Outlook:
         return self.conditions.tool[0]
 
 
-def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model] = ()) -> Outlook:
+def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model] | None = None) -> Outlook:
     """What to expect at a grid through the workspace.
 
     Args:
@@ -146,7 +146,7 @@ def coverage_json(model: Model) -> dict[str, Any] | None:
     }
 
 
-def said(model: Model, rivals: Sequence[Model] = ()) -> tuple[str, dict[str, Any] | None]:
+def said(model: Model, rivals: Sequence[Model] | None = None) -> tuple[str, dict[str, Any] | None]:
     """The sentence and the JSON of a model; of one that states no uncertainty, why not, and None."""
     if model.posterior is None or model.uncertainty is None:
         return "How far off landings may be is not known: the model states no uncertainty; fit it anew for that.", None
