@@ -7,8 +7,9 @@ docstring.
 
 from __future__ import annotations
 
+import csv
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -81,6 +82,22 @@ def cells(line: str) -> list[str]:
     else:
         parts = re.findall(r'"[^"]*"|\S+', line)
     return [re.sub(r"^([-+]?\d+),(\d+(?:[eE][-+]?\d+)?)$", r"\1.\2", part.strip().strip('"')) for part in parts]
+
+
+def rows_of(path: Path) -> list[tuple[int, list[str]]]:
+    """Line number and cells of every line of a CSV that is not blank; a line that is no CSV has one cell."""
+    out = []
+    for line, text in lines_of(path):
+        try:
+            out.append((line, next(csv.reader([text]))))
+        except csv.Error:
+            out.append((line, [text]))
+    return out
+
+
+def at(cells: Sequence[str], i: int) -> str:
+    """A cell without the blanks around it; '' beyond the end of the row."""
+    return cells[i].strip() if 0 <= i < len(cells) else ""
 
 
 def number(cell: str) -> float | None:

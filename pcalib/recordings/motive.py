@@ -6,14 +6,16 @@ a line ``Frame,Time (Seconds),X,Y,Z,W,X,Y,Z``, and one row a frame. Frames in wh
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
 from pcalib import rotation
 from pcalib.errors import InputError
-from pcalib.recordings import LENGTHS, Form, Recording, lines_of, nothing_read, number
+from pcalib.recordings import LENGTHS, Form, Recording, at, nothing_read, number, rows_of
+
+_UNIT = 1e-3
+"""Largest difference of a quaternion's length from 1 that digits of a file explain."""
 
 
 def read(path: Path) -> Recording:
@@ -22,8 +24,8 @@ def read(path: Path) -> Recording:
     Raises:
         InputError: not such a file, or rotations that are no quaternions.
     """
-    rows = [(line, next(csv.reader([text]))) for line, text in lines_of(path)]
-    start = next((i for i, (_, cells) in enumerate(rows) if cells[0].strip() == "Frame"), None)
+    rows = rows_of(path)
+    start = next((i for i, (_, cells) in enumerate(rows) if at(cells, 0) == "Frame"), None)
     if start is None or start < 3:
         raise nothing_read(path, "the heading 'Frame,Time (Seconds),…' of a Motive export")
     pairs = dict(zip(rows[0][1][::2], rows[0][1][1::2], strict=False))
@@ -41,20 +43,23 @@ def read(path: Path) -> Recording:
     if kinds is None or types is None:
         raise nothing_read(path, "a rigid body with rotation and position")
     first = types.index("Rigid Body")
-    name = names[first] if names is not None else ""
-    mine = [i for i in range(2, len(axes)) if types[i] == "Rigid Body" and (names is None or names[i] == name)]
-    column = {(kinds[i], axes[i]): i for i in mine}
+    name = at(names or [], first)
+    mine = [i for i in range(2, len(axes)) if at(types, i) == "Rigid Body" and (names is None or at(names, i) == name)]
+    column = {(at(kinds, i), at(axes, i)): i for i in mine}
     wanted = [*(("Position", a) for a in "XYZ"), *(("Rotation", a) for a in "WXYZ")]
     if any(key not in column for key in wanted):
         raise nothing_read(path, "position X Y Z and rotation X Y Z W of one rigid body")
-    values, times, at = [], [], []
+    values, times, lines = [], [], []
     for line, cells in rows[start + 1 :]:
-        numbers = [number(cells[column[key]]) if column[key] < len(cells) else None for key in wanted]
+        numbers, time = [number(at(cells, column[key])) for key in wanted], number(at(cells, 1))
+        if time is None:
+            continue
         values.append([np.nan if v is None else v for v in numbers])
-        times.append(float(cells[1]))
-        at.append(line)
+        times.append(time)
+        lines.append(line)
     found = np.array(values, float).reshape(-1, 7)
     seen = ~np.isnan(found).any(axis=1)
+    seen[seen] = np.abs(np.linalg.norm(found[seen, 3:], axis=1) - 1) < _UNIT
     R = np.full((len(found), 3, 3), np.nan)
     size = np.linalg.norm(found[seen, 3:], axis=1, keepdims=True)
     R[seen] = rotation.from_quaternion(found[seen, 3:] / size)
@@ -66,7 +71,7 @@ def read(path: Path) -> Recording:
     if not len(keep):
         raise nothing_read(path, "a frame in which the body was seen")
     return Recording(
-        LENGTHS[unit] * found[keep, :3], R[keep], np.array(at)[keep], str(path), time=np.array(times)[keep], notes=notes
+        LENGTHS[unit] * found[keep, :3], R[keep], np.array(lines)[keep], str(path), time=np.array(times)[keep], notes=notes
     )
 
 

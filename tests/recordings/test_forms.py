@@ -1,5 +1,7 @@
 """Small files of every form, as instruments write them, read to the same numbers."""
 
+import random
+
 import numpy as np
 import pytest
 
@@ -110,3 +112,31 @@ def test_files_of_other_forms_are_refused(tmp_path, form, text, problem):
     (tmp_path / "f.txt").write_text(text)
     with pytest.raises(InputError, match=problem):
         recordings.FORMS.get(form).read(tmp_path / "f.txt")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_damaged_files_are_read_or_refused(tmp_path, name):
+    form, text = FILES[name]
+    rng = random.Random(name)
+    for _ in range(40):
+        damaged = bytearray(text.encode())
+        for _ in range(rng.randint(1, 5)):
+            i = rng.randrange(len(damaged))
+            what = rng.choice(["byte", "cut", "insert", "shuffle"])
+            if what == "byte":
+                damaged[i] = rng.randrange(256)
+            elif what == "cut":
+                del damaged[i : i + 12]
+                damaged = damaged or bytearray(b"\n")
+            elif what == "insert":
+                damaged[i:i] = rng.choice([b"nan", b"1e999", b",,", b";", b"\n", b'"', b"\0", b"0"])
+            else:
+                lines = bytes(damaged).split(b"\n")
+                rng.shuffle(lines)
+                damaged = bytearray(b"\n".join(lines) or b"\n")
+        (tmp_path / "f.txt").write_bytes(damaged)
+        try:
+            found = recordings.FORMS.get(form).read(tmp_path / "f.txt")
+        except InputError:
+            continue
+        assert len(found) and np.isfinite(found.position).all()
