@@ -343,3 +343,29 @@ def test_a_platform_whose_leg_zeros_nobody_knows_is_fitted_with_a_warning(tmp_pa
     assert main(["fit", data, "--robot", robot, "-o", model]) == 0
     said = capsys.readouterr().out
     assert said.startswith("Far from the drawing") and Path(model).exists()
+
+
+CONTACTS = np.array([[x, y, 0.01 * x - 0.02 * y + 0.1] for x in (-40.0, 0.0, 40.0) for y in (-40.0, 0.0, 40.0)])
+LOGS = {
+    "plain": "\n".join(f"{x},{y},{z}" for x, y, z in CONTACTS),
+    "klipper": "Send: G29\n" + "\n".join(f"Recv: // probe at {x:.3f},{y:.3f} is z={z:.6f}" for x, y, z in CONTACTS),
+    "marlin": "echo:busy\n" + "\n".join(f"Recv: Bed X: {x:.3f} Y: {y:.3f} Z: {z:.4f}" for x, y, z in CONTACTS) + "\nok",
+    "reprapfirmware": "RepRapFirmware height map file v2 generated at 2026-01-01\n"
+    "xmin,xmax,ymin,ymax,radius,xspacing,yspacing,xnum,ynum\n-40.0,40.0,-40.0,40.0,-1.0,40.0,40.0,3,3\n"
+    + "\n".join(", ".join(f"{0.01 * x - 0.02 * y + 0.1:.4f}" for x in (-40, 0, 40)) for y in (-40, 0, 40)),
+}
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_what_firmware_prints_is_a_bed_that_was_probed(tmp_path, name):
+    (tmp_path / "plain.csv").write_text(LOGS["plain"])
+    (tmp_path / "log.txt").write_text(LOGS[name])
+    plain, found = (importers.run("bed-heights", tmp_path / file) for file in ("plain.csv", "log.txt"))
+    order = [np.lexsort(np.round(one.data.q, 6).T) for one in (plain, found)]
+    assert np.allclose(plain.data.q[order[0]], found.data.q[order[1]], atol=1e-9)
+
+
+def test_a_broken_height_map_is_refused(tmp_path):
+    (tmp_path / "h.csv").write_text("RepRapFirmware height map file v2\nxmin\n1,2\n0.1, 0.2\n")
+    with pytest.raises(InputError, match="is not x, y and z"):
+        importers.run("bed-heights", tmp_path / "h.csv")

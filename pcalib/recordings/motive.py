@@ -71,7 +71,8 @@ def read(path: Path) -> Recording:
     if not len(keep):
         raise nothing_read(path, "a frame in which the body was seen")
     return Recording(
-        LENGTHS[unit] * found[keep, :3], R[keep], np.array(lines)[keep], str(path), time=np.array(times)[keep], notes=notes
+        LENGTHS[unit] * found[keep, :3], R[keep], np.array(lines)[keep], str(path), time=np.array(times)[keep],
+        notes=notes,
     )
 
 
