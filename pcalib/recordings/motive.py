@@ -58,7 +58,7 @@ def read(path: Path) -> Recording:
         times.append(time)
         lines.append(line)
     found = np.array(values, float).reshape(-1, 7)
-    seen = ~np.isnan(found).any(axis=1)
+    seen = np.array(~np.isnan(found).any(axis=1))
     seen[seen] = np.abs(np.linalg.norm(found[seen, 3:], axis=1) - 1) < _UNIT
     R = np.full((len(found), 3, 3), np.nan)
     size = np.linalg.norm(found[seen, 3:], axis=1, keepdims=True)
