@@ -79,6 +79,7 @@ def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
             f"Rows of one pose_id stand both in fit and in check ({np.sum(shared >= 0)} ids): the check is not "
             "independent.",
         )  # fmt: skip
+    yield from _sensed(data)
     if not data.mask[:, 3:].any():
         tools = len(np.unique(np.round(data.tool, 6), axis=0))
         if tools < 3:
@@ -87,6 +88,28 @@ def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
                 f"Only {'positions' if data.readings is None else 'lengths'} are measured, with {tools} tool "
                 f"point{'s' * (tools > 1)}: the plate's own rotation, and the errors that only turn it, are seen in "
                 "part; three tool points would show all of it.",
+            )  # fmt: skip
+
+
+def _sensed(data: Measurements) -> Iterator[Finding]:
+    """What readings of sensors leave open."""
+    if data.readings is None:
+        return
+    if data.frame == "base" and np.isnan(data.position).all():
+        yield Finding(
+            "note", "base_unknown",
+            "No reading says where the base stands: a fit holds it where the drawing has it, and commands are right "
+            "beside each other.",
+        )  # fmt: skip
+    for sensor, to, rows in data.readings.parts:
+        unknowns = sum(len(block.parameters) for block in sensor.blocks(to, data.readings.options))
+        used = int(np.sum(~data.check[rows]))
+        if used < 3 * unknowns and sensor.to is not None:
+            yield Finding(
+                "warning", "few_to_station",
+                f"{sensor.to.capitalize()} {to} has {used} readings to fit and {unknowns} unknowns of its own: they "
+                "say little else.",
+                "Measure to it at ten or more poses.",
             )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from pcalib import inspection, planning, robot, rotation
 from pcalib.cli.frame import plain
+from pcalib.data import measurement
 from pcalib.data.measurement import Measurements
 from pcalib.mechanics import kinematics
 
@@ -181,3 +182,12 @@ def test_false_alarms_about_the_noise_are_rare():
         shifted = np.repeat(noisy.position[::2], 2, axis=0) + 2e-5 * rng.standard_normal((50, 3))
         alarms += "noise_position" in codes(replace(noisy, position=shifted), None)
     assert alarms <= 3  # p < 0.001 each: 0.3 expected
+
+
+def test_what_sensors_leave_open_is_said(tmp_path):
+    head = "# sigma_distance_um = 2\nq1_deg,q2_deg,q3_deg,distance_mm,station\n"
+    rows = [f"{-i},{-2 * i},{i % 7},{200 + i},{'B' if i > 11 else 'A'}" for i in range(15)]
+    (tmp_path / "d.csv").write_text(head + "\n".join(rows))
+    found = {f.code: f for f in inspection.inspect(measurement.load(tmp_path / "d.csv", DELTA), DELTA).findings}
+    assert "base_unknown" in found
+    assert "Station B has 3 readings to fit and 3 unknowns" in found["few_to_station"].message
