@@ -13,7 +13,7 @@ from pcalib.errors import PcalibError
 from pcalib.ladder import tool_label
 from pcalib.model import Conditions, Model
 from pcalib.uncertainty import radius
-from pcalib.uncertainty.propagation import COMPONENTS, Expected, expect, require_known
+from pcalib.uncertainty.propagation import COMPONENTS, Expected, beside_a_frame, expect, require_known
 from pcalib.unexplained import DIRECTION, TEMPERATURE, Unexplained
 from pcalib.wording import figure, size
 
@@ -34,6 +34,8 @@ class Outlook:
     """[m] the same, of each component by itself."""
     conditions: Conditions
     model: Model
+    taught: float | None = None
+    """[m] the radius beside a rigid motion of all landings, where readings do not say where the base stands."""
 
     @property
     def tool(self) -> np.ndarray:
@@ -76,7 +78,11 @@ def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model
         {name: v[good] for name, v in expected.beyond.items()},
     )  # fmt: skip
     parts = {name: radius.pooled(values) for name, values in expected.components.items()}
-    return Outlook(wanted[good], expected, radius.pooled(expected.covariance), parts, conditions.take(good), model)
+    some, taught = conditions.take(good), None
+    if model.setup and model.frame is None:
+        rest = expected.components["rivals"] + expected.components["unexplained"]
+        taught = radius.pooled(beside_a_frame(model, made.q[good], some) + rest)
+    return Outlook(wanted[good], expected, radius.pooled(expected.covariance), parts, some, model, taught)
 
 
 def _columns(model: Model, kept: Unexplained, n: int) -> dict[str, np.ndarray]:
@@ -106,6 +112,13 @@ def sentence(found: Outlook) -> str:
         if found.components[name] > 0.005 * found.u95
     ]
     where = f"with a {tool_label(found.tool).removeprefix('tool ')} tool" if found.tool.any() else "at the plate"
+    if found.taught is not None:
+        return (
+            f"Expect 95 % of landings within {size(found.taught)} {where} once the cell's frame is taught with the "
+            "robot; where the base stands the readings do not say, and without it landings are within "
+            f"{size(found.u95)}; "
+            f"{_judged(kept)}."
+        )
     return f"Expect 95 % of landings within {size(found.u95)} {where} ({', '.join(parts)} µm); {_judged(kept)}."
 
 
@@ -123,6 +136,7 @@ def to_json(found: Outlook) -> dict[str, Any]:
     return {
         "schema": "pcalib.uncertainty/1",
         "u95_um": found.u95 * 1e6,
+        "u95_taught_um": None if found.taught is None else found.taught * 1e6,
         "components_um": {name: found.components[name] * 1e6 for name in COMPONENTS},
         "conditions": {
             "tool_mm": (found.tool * 1e3).tolist(),

@@ -15,10 +15,12 @@ from functools import cached_property
 
 import numpy as np
 
-from pcalib import prediction
+from pcalib import prediction, rotation
 from pcalib.errors import InputError
+from pcalib.mechanics.kinematics import Closure
 from pcalib.mechanics.mechanism import Pose
 from pcalib.model import Conditions, Model
+from pcalib.prediction import Prediction
 from pcalib.uncertainty import radius
 from pcalib.unexplained import Beyond
 
@@ -102,6 +104,37 @@ def expect(
     return Expected(parts.pop("all"), parts, seen)
 
 
+def _by_geometry(model: Model, p: Prediction, at: Closure, JX: np.ndarray) -> np.ndarray:
+    """(N, 3, r) what the columns of the posterior's factor do to the TCP by way of the geometry."""
+    assert model.posterior is not None
+    level = model.robot.mechanism.levels[model.level]
+    factor = model.posterior.factor[: len(level.columns)]
+    # The raw parameters' derivatives, times basis and factor as one large product: half the time of many small ones.
+    raw = prediction.geometry_columns(model, p, at, JX)[:, :3]
+    return (raw.reshape(-1, raw.shape[-1]) @ (level.basis @ factor)).reshape(len(p.q), 3, -1)
+
+
+def beside_a_frame(model: Model, q: np.ndarray, conditions: Conditions) -> np.ndarray:
+    """(N, 3, 3) [m²] covariance of the TCP by the doubt of geometry and effects, without what a rigid motion of all N
+    landings takes away: once the frame of the cell is taught with the robot itself."""
+    require_known(model)
+    assert model.posterior is not None
+    bare = replace(model, frame=None)
+    p = prediction.predict(bare, q, conditions)
+    at, JX = prediction.closure_of(bare, p)
+    moved = _by_geometry(bare, p, at, JX)
+    if bare.effects:
+        assert p.situation is not None
+        units = [replace(part, sensor=None) for part in prediction.unit_contributions(bare, p.situation)]
+        g = len(bare.robot.mechanism.levels[bare.level].columns)
+        moved = moved + prediction.effect_columns(bare, p, at, JX, units)[:, :3] @ model.posterior.factor[g:]
+    middle = p.position - p.position.mean(axis=0)
+    rigid = np.concatenate([np.tile(np.eye(3), (len(q), 1, 1)), -rotation.hat(middle)], axis=-1).reshape(-1, 6)
+    Q = np.linalg.qr(rigid)[0]
+    flat = moved.reshape(3 * len(q), -1)
+    return _square((flat - Q @ (Q.T @ flat)).reshape(moved.shape))
+
+
 def _chunk(
     model: Model, q: np.ndarray, conditions: Conditions, start: Pose | None, rivals: Sequence[Model]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -114,9 +147,7 @@ def _chunk(
     level = bare.robot.mechanism.levels[bare.level]
     g = len(level.columns)
     factor = posterior.factor
-    # The raw parameters' derivatives, times basis and factor as one large product: half the time of many small ones.
-    raw = prediction.geometry_columns(bare, p, at, JX)[:, :3]
-    geometry = (raw.reshape(-1, raw.shape[-1]) @ (level.basis @ factor[:g])).reshape(len(q), 3, -1)
+    geometry = _by_geometry(bare, p, at, JX)
     parts = {"geometry": _square(geometry), "effects": np.zeros((len(q), 3, 3))}
     whole = parts["geometry"].copy()
     if bare.effects:

@@ -9,8 +9,9 @@ from bench import plan as plans
 from bench import simulate
 from bench import truth as truths
 from bench.jobs import instruments
+from bench.jobs.alignment import align
 from bench.kinds import MODELS
-from pcalib import modelfile
+from pcalib import compensation, modelfile
 from pcalib.changes.search import changes
 from pcalib.data import measurement
 from pcalib.diagnosis.compare import compare
@@ -20,8 +21,12 @@ from pcalib.errors import InputError
 from pcalib.fitting import identification, linearisation
 from pcalib.fitting.result import Code
 from pcalib.fitting.unknowns import apply, unknowns_of
-from pcalib.model import Model
+from pcalib.model import Conditions, Model
+from pcalib.uncertainty import radius
 from pcalib.uncertainty.discrepancy import assessed
+from pcalib.uncertainty.outlook import outlook, sentence, to_json
+from pcalib.uncertainty.propagation import beside_a_frame
+from pcalib.workspace import reachable
 
 SENSORS = """[sensors.ballbar]
 sigma_um = 2
@@ -143,3 +148,20 @@ def test_a_later_session_with_the_same_stations_has_not_changed(delta):
     moved = replace(truth, errors=truth.errors + 3e-4 * (np.array(delta.mechanism.parameters) == "l11"))
     found = changes(model, simulate.run(moved, plan, 99).measurements)
     assert ("l11",) in [chosen.names for chosen in found.sets]
+
+
+def test_what_to_expect_is_said_beside_a_frame_that_is_taught(delta):
+    case = instruments.CASES[0]
+    truth = instruments.truth_of(case, 11)
+    data = simulate.run(truth, instruments.plan_of(case, delta, 11), 11).measurements
+    model = assessed(identification.fit(data, delta))
+    found = outlook(model, instruments.LONG)
+    assert found.taught is not None and found.taught < 30e-6 < found.u95
+    assert "once the cell's frame is taught" in sentence(found) and to_json(found)["u95_taught_um"] < 30
+    wanted = reachable(delta, 40, np.random.default_rng(1)).pose.x + instruments.LONG
+    conditions = Conditions.of(40, instruments.LONG)
+    q = compensation.compensate(model, wanted, conditions=conditions, limits=False).q
+    stated = radius.containing(beside_a_frame(model, q, conditions))
+    landed = truth.machine().land(q, instruments.LONG)
+    miss = np.linalg.norm(align(landed.tcp[None], wanted)[0] - wanted, axis=1)[landed.ok]
+    assert np.mean(miss < stated[landed.ok]) > 0.8
