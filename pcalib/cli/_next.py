@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from pcalib.fitting.result import Fit
 
 
+MEASURED = "with what was measured written beside these rows"
+"""What the command after a plan needs."""
+
+
 def say_next(*words: str | Path, why: str = "") -> None:
     """Print a command of this program with its arguments quoted as a shell needs them; it is never wrapped.
 

@@ -14,6 +14,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli._next import MEASURED, say_next
 from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import JsonOption, OutputOption, SeedOption, say, show_table, write_json
 
@@ -94,6 +95,7 @@ def command(
         say(f"The same in all rows: {', '.join(alike)}.")
     if output is not None:
         say(f"{len(found.q)} rows written to {output}.")
+        say_next("join", data, output, "-o", "all.csv", why=MEASURED)
     return None
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from pcalib.cli._next import MEASURED, say_next
 from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import (
     NOT_HELD,
@@ -111,6 +112,7 @@ def command(
         warm = [float(units.parse_quantity(text, "temperature", option="--temperature")[0]) for text in temperature]
         at_hand = AtHand(masses or AtHand.payloads, tools, warm)
         _to_tell.run(described, n, noise, to_tell, at_hand, level, seed, output, plot, json)
+        say_next("inspect", output, "--robot", robot, why=MEASURED)
         return None
     for option, given in (("--payload", payload), ("--temperature", temperature), ("--plot", plot)):
         if given:
@@ -119,6 +121,7 @@ def command(
         from pcalib.cli import _instruments
 
         _instruments.run(described, n, instrument, station, reach, tools, level, repeat, seed, output, json)
+        say_next("inspect", output, "--robot", robot, why=MEASURED)
         return None
     reached: dict[str, object] = {}
     if within is not None:
@@ -161,5 +164,6 @@ def command(
     unknowns = len(mechanism.levels[level].columns)
     if readings <= unknowns:
         say(f"- Their {readings} readings are few for the {unknowns} parameters of level {level}.")
+    say_next("inspect", output, "--robot", robot, why=MEASURED)
     write_json(json, {"schema": "pcalib.plan/1", "poses": n, "level": level, "q_si": q, "tool_m": t, **reached})
     return None
