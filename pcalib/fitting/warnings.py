@@ -182,7 +182,7 @@ def _sigma_uneven(fit: Fit) -> Iterator[str]:
     frame = "the tracker's" if fit.data.frame == "tracker" else "the base's"
     for c, (axes, about) in enumerate(((("x", "y", "z"), "along"), (("rx", "ry", "rz"), "about"))):
         part = np.arange(3 * c, 3 * c + 3)
-        part = part[np.isfinite(ratio[part]) & (dof[part] >= ENOUGH_RESIDUALS / 3)]
+        part = part[(ratio[part] > 0) & (dof[part] >= ENOUGH_RESIDUALS / 3)]  # without noise there is nothing to say
         if len(part) < 2 or not fit.data.stated[c]:
             continue
         variance, nu = ratio[part] ** 2, dof[part]
