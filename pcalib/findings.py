@@ -42,6 +42,8 @@ def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
     used = data.take(data.fit_rows)
     readings = int(used.mask.sum())
     nothing = np.all(~data.mask, axis=1)
+    if data.readings is not None and data.readings.origin is not None:  # distances are measured from these poses
+        nothing[data.readings.origin[data.readings.origin >= 0]] = False
     if nothing.all():
         yield Finding(
             "error", "nothing_measured", "No row holds a measurement: x, y, z and rotation are all blank.",

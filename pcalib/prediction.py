@@ -32,6 +32,18 @@ class View:
     """(n, 6, 6) derivatives by a motion (v, ω) of the plate about the measured point, base frame."""
     own: np.ndarray
     """(n, 6, p) derivatives by the unknowns of the set-up."""
+    origin: np.ndarray | None = None
+    """(n,) int, row of the pose from which is measured, −1 where there is none; None: there is none in any row."""
+    by_origin: np.ndarray | None = None
+    """(n, 6, 6) derivatives by a motion of the plate there."""
+
+    def read(self, twist: np.ndarray) -> np.ndarray:
+        """(n, 6, m) changes of the readings by motions (N, 6, m) of the plates about their measured points."""
+        out = self.by_twist @ twist[self.rows]
+        if self.origin is not None and self.by_origin is not None:
+            some = np.flatnonzero(self.origin >= 0)
+            out[some] += self.by_origin[some] @ twist[self.origin[some]]
+        return out
 
 
 @dataclass(frozen=True)
@@ -281,7 +293,8 @@ def rigid(model: Model, p: Prediction) -> np.ndarray:
     (N, 6, 6); of what sensors read, the base frame's."""
     J = np.tile(np.eye(6), (len(p.q), 1, 1))
     if p.view is not None:
-        J[p.view.rows] = p.view.by_twist
+        middle = p.position.mean(axis=0)  # about one point: measured points of one row move alike
+        J[p.view.rows] = p.view.by_twist if p.view.origin is None else p.view.read(_about(p.position - middle))
     return J
 
 
@@ -308,6 +321,13 @@ def _twist(mechanism: Mechanism, state: np.ndarray) -> np.ndarray:
     return twist
 
 
+def _about(away: np.ndarray) -> np.ndarray:
+    """(N, 6, 6) motions of points at `away` (N, 3) from a rigid motion about the origin."""
+    out = np.tile(np.eye(6), (len(away), 1, 1))
+    out[:, :3, 3:] = -rotation.hat(away)
+    return out
+
+
 def _measured(model: Model, p: Prediction, twist: np.ndarray) -> np.ndarray:
     """Twists at the measured point (N, 6, n), the robot's base frame → what is read."""
     if p.contribution.base is not None:
@@ -315,7 +335,7 @@ def _measured(model: Model, p: Prediction, twist: np.ndarray) -> np.ndarray:
     out = twist if model.frame is None else _turned(model.frame.rotation, twist)
     if p.view is not None:
         out = out.copy() if out is twist else out
-        out[p.view.rows] = p.view.by_twist @ twist[p.view.rows]
+        out[p.view.rows] = p.view.read(twist)
     return out
 
 

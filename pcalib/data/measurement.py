@@ -31,6 +31,8 @@ from pcalib.robot import Robot
 
 FRAMES = {"base": "base", "tracker": "tracker", "artefact": "tracker"}
 """Measuring frames that a file may name, and how they are handled: an artefact's place is as unknown as a tracker's."""
+MOST_BETWEEN = 2000
+"""Rows of a file with distances between poses: fits of more rows go chunk by chunk, and would part the poses."""
 _UNIT = {"length": "mm", "angle": "deg", "mass": "kg", "temperature": "degC", "time": "s"}
 
 
@@ -169,16 +171,26 @@ class Measurements:
 
     def take(self, rows: np.ndarray | slice) -> Measurements:
         """The measurements of some rows: a mask, indices or a slice."""
-        one = ("q", "position", "rotation", "mask", "tool", "payload", "pose_id", "check", "sigma", "lines")
+        one = ("q", "position", "rotation", "tool", "payload", "pose_id", "check", "sigma", "lines")
+        readings, mask = None if self.readings is None else self.readings.take(rows), self.mask[rows]
+        if readings is not None and readings.origin is not None:
+            mask = mask & ~readings.orphan[:, None]
         return replace(
             self,
             **{name: getattr(self, name)[rows] for name in one},
+            mask=mask,
             columns={name: values[rows] for name, values in self.columns.items()},
             notes={name: values[rows] for name, values in self.notes.items()},
             correlation=None if self.correlation is None else self.correlation[rows],
             written=None if self.written is None else self.written[rows],
-            readings=None if self.readings is None else self.readings.take(rows),
+            readings=readings,
         )
+
+    def whole(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (n,) and those from which their distances are measured, ascending."""
+        if self.readings is None or self.readings.origin is None:
+            return rows
+        return np.union1d(rows, self.readings.origin[rows][self.readings.origin[rows] >= 0])
 
     @property
     def turned(self) -> np.ndarray:
@@ -291,16 +303,46 @@ def _with_readings(
     """The data with a row of its own for what each sensor reads, after that of the pose if one is read beside it."""
     seen = np.unique(np.concatenate([part.row for part in found]))
     poses = np.flatnonzero(data.mask.any(axis=1) | ~np.isin(np.arange(len(data)), seen))
-    source = np.concatenate([poses, *(part.row for part in found)])
-    order = np.argsort(source, kind="stable")
-    empty = sensed.nothing(len(poses))
-    name = np.concatenate([empty.sensor, *(np.full(len(part.row), part.sensor.name, object) for part in found)])
-    to = np.concatenate([empty.to, *(part.to for part in found)])
-    value = np.concatenate([empty.value, *(part.value for part in found)])
-    all_read = Readings(name[order], to[order], value[order], options, written)
+    # Each distance between poses has a row of its own for the other pose, before it, so that subsets keep both.
+    pairs = [part for part in found if part.origin is not None]
+    ends = np.concatenate([np.zeros(0, int), *(part.origin for part in pairs if part.origin is not None)]).astype(int)
+    after = np.concatenate([np.zeros(0, int), *(part.row for part in pairs)]).astype(int)
+    line = np.concatenate([poses, *(part.row for part in found), after])
+    source = np.concatenate([poses, *(part.row for part in found), ends])
+    last = len(source) - len(ends)
+    order = np.argsort(line - 0.5 * (np.arange(len(line)) >= last), kind="stable")
+    if len(ends) and len(order) > MOST_BETWEEN:
+        raise InputError(
+            f"{len(order)} rows with distances between poses", file=data.source, remedy=f"at most {MOST_BETWEEN}"
+        )
+    empty, rest = sensed.nothing(len(poses)), sensed.nothing(len(ends))
+    name = np.concatenate(
+        [empty.sensor, *(np.full(len(p.row), p.sensor.name, object) for p in found), rest.sensor]
+    )
+    to = np.concatenate([empty.to, *(_called(p, data.pose_id) for p in found), rest.to])
+    value = np.concatenate([empty.value, *(part.value for part in found), rest.value])
+    origin = None
+    if len(ends):
+        place = np.empty(len(order), int)
+        place[order] = np.arange(len(order))
+        origin = np.full(len(order), -1)
+        first = len(poses)
+        for part in found:
+            if part.origin is not None:
+                start = last + sum(len(p.row) for p in pairs[: pairs.index(part)])
+                origin[place[first : first + len(part.row)]] = place[start : start + len(part.row)]
+            first += len(part.row)
+    all_read = Readings(name[order], to[order], value[order], options, written, origin)
     out = data.take(source[order])
+    if len(ends):
+        lone = (np.arange(len(source)) >= last)[order]
+        out = replace(
+            out, pose_id=np.where(lone, -1, out.pose_id), check=np.where(lone, data.check[line[order]], out.check),
+            lines=np.where(lone, data.lines[line[order]], out.lines),
+        )  # fmt: skip
     own = np.isin(np.arange(len(source)), np.arange(len(poses)), invert=True)[order]
-    sigma = np.concatenate([data.sigma[poses], *(np.repeat(part.sigma[:, None], 6, axis=1) for part in found)])[order]
+    each = (np.repeat(part.sigma[:, None], 6, axis=1) for part in found)
+    sigma = np.concatenate([data.sigma[poses], *each, data.sigma[ends]])[order]
     lengths, angles = (
         (data.stated[c] or not data.kinds[c])
         and all(part.stated or np.isnan(part.value[:, axes]).all() for part in found)
@@ -316,6 +358,11 @@ def _with_readings(
         stated=(bool(lengths), bool(angles)), readings=all_read,
         written=None if out.written is None else np.where(blank, np.nan, out.written),
     )  # fmt: skip
+
+
+def _called(part: Found, pose_id: np.ndarray) -> np.ndarray:
+    """(n,) to what each reading is measured; of distances between poses the id of the other one."""
+    return part.to if part.origin is None else np.array([str(i) for i in pose_id[part.origin]], object)
 
 
 def _date(table: Table) -> datetime.date | None:
@@ -388,6 +435,7 @@ def save(path: str | Path, data: Measurements) -> None:
     sigma = sigmas.beside(data.sigma, data.instrument, data.position, data.rotation, data.tool)
     if data.readings is not None:
         out |= sensed.to_write(data.readings, data.sigma, data.stated, out)
+        out |= sensed.from_poses(data.readings)
         head |= data.readings.written
     for key, stated in zip(sigmas.KEYS, data.stated, strict=True):
         for name, value in (sigmas.to_write(data.mask & posed[:, None], sigma, key) if stated else {}).items():
@@ -395,7 +443,11 @@ def save(path: str | Path, data: Measurements) -> None:
                 out[name] = value
             else:
                 head[name] = f"{value:.15g}"
-    tables.write(path, out | {name: [str(v) for v in values] for name, values in data.notes.items()}, head)
+    out |= {name: [str(v) for v in values] for name, values in data.notes.items()}
+    if data.readings is not None and data.readings.origin is not None:  # rows for other ends are made on reading
+        keep = np.setdiff1d(np.arange(n), data.readings.origin[data.readings.origin >= 0])
+        out = {name: [v[i] for i in keep] if isinstance(v, list) else v[keep] for name, v in out.items()}
+    tables.write(path, out, head)
 
 
 def _mask(position: np.ndarray, turn: np.ndarray) -> np.ndarray:

@@ -33,18 +33,36 @@ class Readings:
     """Metadata of the sensors."""
     written: Mapping[str, str] = field(default_factory=dict)
     """The same as the file has them."""
+    origin: np.ndarray | None = None
+    """(N,) int, row of the pose from which a distance is measured, −1 where there is none; None: no row has one."""
 
     def take(self, rows: np.ndarray | slice) -> Readings:
-        """The readings of some rows."""
-        return Readings(self.sensor[rows], self.to[rows], self.value[rows], self.options, self.written)
+        """The readings of some rows; distances from poses that are not among them lose their other end."""
+        origin = None
+        if self.origin is not None:
+            chosen = np.arange(len(self.sensor))[rows]
+            place = np.full(len(self.sensor) + 1, -1)  # the last is that of −1
+            place[chosen] = np.arange(len(chosen))
+            origin = place[self.origin[rows]]
+        return Readings(self.sensor[rows], self.to[rows], self.value[rows], self.options, self.written, origin)
+
+    @property
+    def orphan(self) -> np.ndarray:
+        """(N,) bool, distances between poses of which the other pose is not here."""
+        lone = np.zeros(len(self.sensor), bool) if self.origin is None else self.origin < 0
+        return lone & np.isin(self.sensor, [s.name for s in sensors.every() if s.between])
 
     @property
     def parts(self) -> list[tuple[Sensor, str, np.ndarray]]:
         """Sensor, what is measured to, and rows of all readings that belong together, in the order of their names."""
         if not len(self.sensor):
             return []
-        pairs = sorted({(s, t) for s, t in zip(self.sensor.tolist(), self.to.tolist(), strict=True) if s != POSE})
-        return [(sensors.get(s), t, np.flatnonzero((self.sensor == s) & (self.to == t))) for s, t in pairs]
+        between = [s.name for s in sensors.every() if s.between]
+        to = np.where(np.isin(self.sensor, between), "", self.to)
+        pairs = sorted({(s, t) for s, t in zip(self.sensor.tolist(), to.tolist(), strict=True) if s != POSE})
+        lone = self.orphan
+        found = [(sensors.get(s), t, np.flatnonzero((self.sensor == s) & (to == t) & ~lone)) for s, t in pairs]
+        return [part for part in found if len(part[2])]
 
     @staticmethod
     def joined(parts: Sequence[Readings | None], lengths: Sequence[int]) -> Readings | None:
@@ -56,7 +74,14 @@ class Readings:
         options = {k: v for part in known for k, v in part.options.items()}
         written = {k: v for part in known for k, v in part.written.items()}
         sensor, to, value = (np.concatenate([getattr(p, n) for p in each]) for n in ("sensor", "to", "value"))
-        return Readings(sensor, to, value, options, written)
+        if all(part.origin is None for part in each):
+            return Readings(sensor, to, value, options, written)
+        shift = np.cumsum([0, *lengths])
+        origin = np.concatenate([
+            np.full(n, -1) if part.origin is None else np.where(part.origin < 0, -1, part.origin + first)
+            for part, first, n in zip(each, shift, lengths, strict=False)
+        ])  # fmt: skip
+        return Readings(sensor, to, value, options, written, origin)
 
 
 def nothing(n: int) -> Readings:
@@ -79,6 +104,8 @@ class Found:
     """(n,) [m or rad]."""
     stated: bool
     """Whether the file states σ."""
+    origin: np.ndarray | None = None
+    """(n,) int, rows of the table from which is measured; None for other sensors."""
 
 
 def quantities() -> dict[str, str]:
@@ -129,15 +156,21 @@ def find(columns: Columns, sigma: Mapping[str, float | str]) -> list[Found]:
     table = columns.table
     for sensor in sensors.every():
         given = [q for q in sensor.quantities if q in columns]
-        if not given:
+        alike = (s for s in sensors.every() if s is not sensor and set(s.quantities) & set(sensor.quantities))
+        rival = next((s.to for s in alike if s.to), "")
+        if not given or (sensor.between and str(sensor.to) not in columns):
             continue
         value = np.full((len(table), 6), np.nan)
         for q in given:
             value[:, sensor.quantities[q][0]] = columns.si(q, blank=True)
         blank = np.isnan(value[:, [sensor.quantities[q][0] for q in given]])
         row = np.flatnonzero(~blank.all(axis=1) & (blank.any(axis=1) | (not sensor.partial)))
-        to = np.full(len(table), "", object)
-        if sensor.to is not None and len(row):
+        if rival in columns:  # the reading belongs to whose column says to what
+            row = row[[not str(table.texts(rival)[r]).strip() for r in row]]
+        to, origin = np.full(len(table), "", object), None
+        if sensor.between and len(row):
+            row, origin = _origins(table, str(sensor.to), row)
+        elif sensor.to is not None and len(row):
             if sensor.to not in columns:
                 raise table.error(
                     f"column '{sensor.to}' is missing: it names what {columns.name(given[0])} is measured to",
@@ -153,9 +186,30 @@ def find(columns: Columns, sigma: Mapping[str, float | str]) -> list[Found]:
         own = _sigma(columns, sensor, sigma.get(sensor.sigma))
         each = sensor.usual_sigma if own is None else own
         out.append(Found(
-            sensor, row, to[row], value[row], np.broadcast_to(each, len(table))[row].astype(float), own is not None
+            sensor, row, to[row], value[row], np.broadcast_to(each, len(table))[row].astype(float), own is not None,
+            origin,
         ))  # fmt: skip
     return [found for found in out if len(found.row)]
+
+
+def _origins(table: Table, column: str, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rows that say from which pose they measure, and the first row of that pose.
+
+    Raises:
+        InputError: a pose that no row has.
+    """
+    first: dict[str, int] = {}
+    if "pose_id" in table.columns:
+        for i, cell in enumerate(table.texts("pose_id")):
+            first.setdefault(str(cell).strip(), i)
+    named = [str(cell).strip() for cell in table.texts(column)]
+    row = row[[bool(named[r]) for r in row]]
+    for r in row:
+        if named[r] not in first:
+            raise table.error(
+                f"there is no pose '{named[r]}'", row=int(r), column=column, remedy="name a pose_id of the file"
+            )
+    return row, np.array([first[named[r]] for r in row], int)
 
 
 def _sigma(columns: Columns, sensor: Sensor, common: float | str | None) -> np.ndarray | float | None:
@@ -172,11 +226,18 @@ def _sigma(columns: Columns, sensor: Sensor, common: float | str | None) -> np.n
     return np.where(np.isnan(values), sensor.usual_sigma if every is None else every, values)
 
 
+def from_poses(readings: Readings) -> dict[str, list[str]]:
+    """The column that names the poses from which distances are measured; none where there are none."""
+    if readings.origin is None:
+        return {}
+    return {"from": [str(t) if o >= 0 else "" for o, t in zip(readings.origin, readings.to, strict=True)]}
+
+
 def to_measure(readings: Readings) -> dict[str, list[str]]:
     """Columns of a plan that say what each row is to be measured with: the sensor, and the station or surface."""
     out = {"sensor": [str(name) for name in readings.sensor]}
     for sensor in dict.fromkeys(sensor for sensor, _, _ in readings.parts):
-        if sensor.to is not None:
+        if sensor.to is not None and not sensor.between:
             out[sensor.to] = _named(readings, sensor, out.get(sensor.to))
     return out
 
@@ -206,7 +267,7 @@ def to_write(
             name = f"{q}_{unit.suffix}"
             rest = poses.get(name, np.full(len(mine), np.nan))
             out[name] = np.where(mine, readings.value[:, place] / unit.factor, np.asarray(rest, float))
-        if sensor.to is not None:
+        if sensor.to is not None and not sensor.between:
             named[sensor.to] = _named(readings, sensor, named.get(sensor.to))
         place, dimension = next(iter(sensor.quantities.values()))
         if stated[place // 3]:

@@ -100,6 +100,7 @@ class HeldOut:
         if not len(rows):
             return None
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(MOST, len(rows))).round().astype(int))]
+        rows = data.whole(rows)
         chosen = data.take(rows)
         reading, J = made.elsewhere(chosen)
         N = made.nuisance

@@ -84,7 +84,11 @@ def require_folds(data: Measurements, folds: int) -> np.ndarray:
     count = int(group.max(initial=-1)) + 1
     if not 2 <= folds <= count:
         raise InputError(f"{folds} folds of {count} commands", file=data.source, remedy=f"choose 2 to {count} folds")
-    return np.where(group >= 0, group % folds, -1)
+    fold = np.where(group >= 0, group % folds, -1)
+    if data.readings is not None and data.readings.origin is not None:  # both ends of a distance stay together
+        far = np.flatnonzero(data.readings.origin >= 0)
+        fold[data.readings.origin[far]] = fold[far]
+    return fold
 
 
 def cross_validate(

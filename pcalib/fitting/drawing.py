@@ -88,7 +88,9 @@ def some_rows(data: Measurements, most: int = ROWS) -> Measurements:
     """A few of the fitted rows that hold a measurement, evenly spaced."""
     rows = np.flatnonzero(~data.check & data.mask.any(axis=1))
     data = replace(data, correlation=None, instrument=None)  # far off, it matters little how readings go together
-    return data.take(rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)] if len(rows) else rows)
+    return data.take(
+        data.whole(rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)]) if len(rows) else rows
+    )
 
 
 def distance(data: Measurements, robot: Robot) -> Distance | None:

@@ -11,6 +11,8 @@ _BLOCK = 8
 
 def triangle(J: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Triangular factor of [J y], (min(M, n + 1), n + 1): what least squares can learn of all M rows."""
+    if not J.shape[0]:
+        return np.zeros((0, J.shape[1] + 1))
     A = np.empty((J.shape[0], J.shape[1] + 1), order="F")
     A[:, :-1], A[:, -1] = J, y
     return np.triu(dgeqrt(min(_BLOCK, *A.shape), A, overwrite_a=True)[0][: A.shape[1]])

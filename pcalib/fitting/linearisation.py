@@ -107,11 +107,12 @@ def viewed(model: Model, p: Prediction, readings: Readings | None) -> Prediction
     return p if readings is None else replace(p, view=_view(model, p, readings))
 
 
-def _scene(model: Model, p: Prediction, rows: np.ndarray) -> Scene:
+def _scene(model: Model, p: Prediction, rows: np.ndarray, origin: np.ndarray | None = None) -> Scene:
     x, R = prediction.in_base(p)
     gravity = model.robot.gravity
     size = float(np.linalg.norm(gravity))
-    return Scene(x[rows], R[rows], -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0]))
+    up = -gravity / size if size > 0 else np.array([0.0, 0.0, 1.0])
+    return Scene(x[rows], R[rows], up, None if origin is None else x[origin[rows]])
 
 
 def _view(model: Model, p: Prediction, readings: Readings) -> View:
@@ -124,6 +125,7 @@ def _view(model: Model, p: Prediction, readings: Readings) -> View:
     total = sum(map(len, known.values()))
     value, by = np.zeros((len(rows), 6)), np.zeros((len(rows), 6, 6))
     own = np.zeros((len(rows), 6, total))
+    by_origin = None if readings.origin is None else np.zeros((len(rows), 6, 6))
     for sensor, to, mine in readings.parts:
         names = [block.name for block in sensor.blocks(to, readings.options)]
         if lacking := [name for name in names if name not in known]:
@@ -131,12 +133,15 @@ def _view(model: Model, p: Prediction, readings: Readings) -> View:
                 f"the model does not know {', '.join(lacking)}, which {sensor.title} are measured with",
                 remedy="fit data that were measured with it",
             )
-        seen = sensor.see(_scene(model, p, mine), [known[name] for name in names])
+        seen = sensor.see(_scene(model, p, mine, readings.origin), [known[name] for name in names])
         at, places = place[mine][:, None], [where for where, _ in sensor.quantities.values()]
         value[at, places], by[at, places] = seen.value, seen.by_twist
+        if by_origin is not None and seen.by_origin is not None:
+            by_origin[at, places] = seen.by_origin
         columns = np.array([i for name in names for i in first[name] + np.arange(len(known[name]))], int)
         own[at[..., None], np.array(places)[:, None], columns] = seen.own
-    return View(rows, value, by, own)
+    origin = None if readings.origin is None else readings.origin[rows]
+    return View(rows, value, by, own, origin, by_origin)
 
 
 def residuals(model: Model, data: Measurements, start: Pose | None = None) -> tuple[np.ndarray, Prediction]:

@@ -25,6 +25,8 @@ class Scene:
     """(n, 3, 3) plate → base."""
     up: np.ndarray
     """(3,) unit vector against gravity, where the base stands as the robot file says."""
+    origin: np.ndarray | None = None
+    """(n, 3) [m] measured points of the poses from which distances are measured; None for other sensors."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class Seen:
     """(n, s, 6) derivatives by a motion (v, ω) of the plate about the measured point, base frame."""
     own: np.ndarray
     """(n, s, p) derivatives by the unknowns of the set-up, block by block."""
+    by_origin: np.ndarray | None = None
+    """(n, s, 6) derivatives by a motion of the plate in the pose from which is measured, about its measured point."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,8 @@ class Sensor(ABC):
     """[SI] 1σ taken where a file states none."""
     to: ClassVar[str | None] = None
     """Column that names what is measured to; None where there is but one."""
+    between: ClassVar[bool] = False
+    """Whether it measures from one pose to another: its column `to` then holds the `pose_id` of the other."""
     partial: ClassVar[bool] = False
     """Whether it reads those rows only in which some of its quantities are blank: all of them make a pose."""
 

@@ -165,3 +165,60 @@ def test_what_to_expect_is_said_beside_a_frame_that_is_taught(delta):
     landed = truth.machine().land(q, instruments.LONG)
     miss = np.linalg.norm(align(landed.tcp[None], wanted)[0] - wanted, axis=1)[landed.ok]
     assert np.mean(miss < stated[landed.ok]) > 0.8
+
+
+@pytest.fixture(scope="module")
+def gauge(tmp_path_factory):
+    """A file of distances between the two poses of every pair, from where MuJoCo lands, 3 µm."""
+    truth = instruments.truth_of(instruments.CASES[0], 21)
+    plan = plans.make(truth.robot, "random", 160, tools=TOOLS, seed=5)
+    landed = truth.machine().run(plan.commands)
+    rng = np.random.default_rng(2)
+    lines = ["# sigma_distance_um = 3", "q1_deg,q2_deg,q3_deg,tool_x_mm,tool_y_mm,tool_z_mm,pose_id,distance_mm,from"]
+    for i, (q, tool, x) in enumerate(zip(plan.commands.q, plan.commands.tool, landed.tcp, strict=True)):
+        d = 1e3 * (np.linalg.norm(x - landed.tcp[i - 1]) + 3e-6 * rng.standard_normal()) if i else None
+        said = f"{d:.6f},P{i - 1}" if i else ","
+        lines.append(",".join(f"{v:.12g}" for v in (*np.degrees(q), *(1e3 * tool))) + f",P{i},{said}")
+    path = tmp_path_factory.mktemp("gauge") / "gauge.csv"
+    path.write_text("\n".join(lines))
+    return truth, path
+
+
+def test_distances_between_poses_calibrate_a_robot(gauge, delta):
+    truth, path = gauge
+    data = measurement.load(path, delta)
+    assert set(data.readings.sensor) == {"", "pose_distance"} and data.mask.sum() == 159
+    first = np.flatnonzero(data.readings.sensor == "pose_distance")[0]
+    assert np.degrees(data.q[data.readings.origin[first]]) @ [1, 0, 0] == pytest.approx(np.degrees(data.q[0, 0]))
+    fit = identification.fit(data, delta)
+    assert fit.status == "converged" and fit.accuracy.at_the_noise and not fit.model.setup
+    assert instruments.landed(truth, data, 3) < 25e-6
+
+
+def test_columns_of_distances_between_poses_are_those_of_differences(gauge, delta):
+    data = measurement.load(gauge[1], delta).take(slice(0, 24))
+    model = Model.nominal(delta)
+    unknowns = unknowns_of(model, "complete")
+    linear = linearisation.linearise(model, data, unknowns)
+    h = 1e-2 * unknowns.scale
+    for j in range(0, len(h), 7):
+        step = h[j] * np.eye(len(h))[j]
+        ahead, back = (linearisation.residuals(apply(model, unknowns, s), data)[0] for s in (step, -step))
+        slope = (back - ahead)[linear.row, linear.component] / (2 * h[j])
+        off = np.abs(slope - linear.jacobian[:, j] * data.sigma[linear.row, linear.component])
+        assert off.max() < 2e-6 * max(1.0, np.abs(slope).max()), unknowns.names[j]
+
+
+def test_a_distance_whose_other_pose_is_not_there_counts_nothing(gauge, delta, tmp_path):
+    data = measurement.load(gauge[1], delta)
+    some = data.take(np.arange(10, 60))
+    assert some.readings.orphan.sum() == some.mask.shape[0] - some.mask.sum() - np.sum(some.readings.sensor == "")
+    measurement.save(tmp_path / "again.csv", data)
+    again = measurement.load(tmp_path / "again.csv", delta)
+    assert np.array_equal(again.readings.origin, data.readings.origin) and np.array_equal(again.mask, data.mask)
+
+
+def test_a_pose_that_is_not_there_is_named(gauge, delta, tmp_path):
+    (tmp_path / "bad.csv").write_text(gauge[1].read_text().replace(",P7\n", ",P777\n", 1))
+    with pytest.raises(InputError, match="there is no pose 'P777'"):
+        measurement.load(tmp_path / "bad.csv", delta)

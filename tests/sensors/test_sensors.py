@@ -1,5 +1,7 @@
 """Every sensor: derivatives against differences, first guesses, and readings as the virtual robot has them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,14 +12,14 @@ from pcalib.sensors.base import Scene
 SET_UPS = [
     ("distance", "A", {}), ("distance", "A", {"distance_offset": "unknown"}), ("inclinometer", "", {}),
     ("probe", "A", {"surface_A": "plane"}), ("probe", "A", {"surface_A": "sphere"}),
-    ("rotation_component", "", {}),
+    ("rotation_component", "", {}), ("pose_distance", "", {}),
 ]  # fmt: skip
 
 
 def scene(n=12, seed=0, up=(0.0, 0.0, 1.0)):
     rng = np.random.default_rng(seed)
     R = rotation.exp(rng.normal(0, 0.1, (n, 3)))
-    return Scene(rng.normal([0, 0, -0.8], 0.2, (n, 3)), R, np.array(up))
+    return Scene(rng.normal([0, 0, -0.8], 0.2, (n, 3)), R, np.array(up), rng.normal([0, 0, -0.8], 0.2, (n, 3)))
 
 
 def values(sensor, to, options, seed=0):
@@ -38,10 +40,14 @@ def test_derivatives_are_those_of_differences(name, to, options, up):
 
     def moved(twist):
         R = rotation.exp(twist[3:]) @ at.R
-        return sensor.see(Scene(at.x + twist[:3], R, at.up), theta).value
+        return sensor.see(replace(at, x=at.x + twist[:3], R=R), theta).value
 
     by = np.stack([(moved(h * e) - moved(-h * e)) / (2 * h) for e in np.eye(6)], axis=-1)
     assert np.abs(by - seen.by_twist).max() < 1e-7
+    if seen.by_origin is not None:
+        ends = [sensor.see(replace(at, origin=at.origin + s * h * e), theta).value for e in np.eye(3) for s in (1, -1)]
+        by = np.stack([(a - b) / (2 * h) for a, b in zip(ends[::2], ends[1::2], strict=True)], axis=-1)
+        assert np.abs(by - seen.by_origin[..., :3]).max() < 1e-7 and not seen.by_origin[..., 3:].any()
     if not theta:
         assert seen.own.shape[-1] == 0
         return
@@ -62,7 +68,7 @@ def test_the_first_guess_finds_the_set_up(name, to, options):
     truth = {
         "distance": [np.array([0.3, -0.2, -1.1]), np.zeros(1)],
         "inclinometer": [np.array([0.01, -0.02, 0.0]), np.zeros(2)],
-        "rotation_component": [],
+        "rotation_component": [], "pose_distance": [],
         "probe": [np.array([0.02, -0.01, -0.9])] if sizes == [3] else [np.array([0.1, 0.0, -1.0, 0.05])],
     }[name][: len(sizes)]  # fmt: skip
     found = sensor.start(at, sensor.see(at, truth).value, to, options)
