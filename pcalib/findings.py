@@ -356,11 +356,11 @@ def against_nominal(data: Measurements, nominal: Nominal, judged: Judgement) -> 
     if len(nominal.unreachable):
         where = _lines(data, nominal.unreachable)
         yield Finding("warning", "unreachable", f"The nominal robot cannot take the command of {where}.")
-    said = f"{mixups.sentence(judged, nominal)}."
+    said, advice = f"{mixups.sentence(judged, nominal)}.", f"{wording.capital(mixups.remedy(judged))}."
     if judged.readings:
-        yield Finding("error", "swapped_columns", said, f"{mixups.remedy(judged)}.", judged.codes)
+        yield Finding("error", "swapped_columns", said, advice, judged.codes)
     elif judged.numbers:
-        yield Finding("warning", "far_number", said, f"{mixups.remedy(judged)}.", judged.codes)
+        yield Finding("warning", "far_number", said, advice, judged.codes)
     elif judged.frame:
         yield Finding(
             "warning", "not_aligned",
@@ -368,7 +368,7 @@ def against_nominal(data: Measurements, nominal: Nominal, judged: Judgement) -> 
             "when the measuring frame is moved: if it is not aligned with the base, write '# frame = tracker'.",
         )  # fmt: skip
     elif judged.tried and judged.far:
-        yield Finding("warning", "far_from_drawing", said, f"{mixups.remedy(judged)}.")
+        yield Finding("warning", "far_from_drawing", said, advice)
     elif len(nominal.error):
         typical = float(np.median(nominal.error))
         limit = max(8 * typical, mixups.LARGE)

@@ -63,6 +63,11 @@ def number(value: float, digits: int, sign: str = "-") -> str:
     return f"{round(value, digits) + 0.0:{sign}.{digits}f}".replace("-", "−")
 
 
+def capital(text: str) -> str:
+    """The text with its first letter as a capital, as a sentence begins."""
+    return text[:1].upper() + text[1:]
+
+
 def short(text: str, most: int) -> str:
     """The text, cut to the given count of characters."""
     return text if len(text) <= most else text[: most - 1] + "…"

@@ -18,7 +18,7 @@ from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import Step
 from pcalib.diagnosis.verdict import Against, Explanation, Nearly
 from pcalib.fitting.identification import Accuracy, Fit
-from pcalib.wording import angle, clipped, deviation, figure, size, small
+from pcalib.wording import angle, capital, clipped, deviation, figure, size, small
 
 HOT = 0.05
 """Corrected p below which a cell of the map counts as hot."""
@@ -119,7 +119,7 @@ def _verdict(found: Diagnosis) -> str:
         rest = "with it, what is left looks like noise"
         if others:
             rest = f"or {others[0]}; these rows cannot tell which, and with either what is left looks like noise"
-        return f"Something happened while measuring. {event[0].upper()}{event[1:]}; {rest}."
+        return f"Something happened while measuring. {capital(event)}; {rest}."
     odd, hot = found.problem.outliers, hot_cells(found.cells)
     if odd.too_many and not hot:
         what = "what the others leave over looks like noise" if not odd.kept else "too many to set them aside"

@@ -21,6 +21,8 @@ from pcalib.robot import Robot
 
 ROWS = 40
 """Rows of a quick fit: enough for every parameter of a kind to count, few enough for a hundred fits in a second."""
+_EACH = 8
+"""Rows of each station or surface: its place has three unknowns, and the others must tell whether they are right."""
 WIDTH = 6.0
 """Priors of a quick fit in manufacturing tolerances (0.1 mm, 0.05°, 0.1 %): 1σ of errors spread evenly up to 1 mm and
 0.5°, as machines that were put together without care have them."""
@@ -85,12 +87,23 @@ class Distance:
 
 
 def some_rows(data: Measurements, most: int = ROWS) -> Measurements:
-    """A few of the fitted rows that hold a measurement, evenly spaced."""
+    """Some of the fitted rows that hold a measurement: evenly spaced, and of every station or surface at least _EACH.
+
+    Stations often take turns. Rows that are evenly spaced in the file might all belong to one of them.
+    """
     rows = np.flatnonzero(~data.check & data.mask.any(axis=1))
     data = replace(data, correlation=None, instrument=None)  # far off, it matters little how readings go together
-    return data.take(
-        data.whole(rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)]) if len(rows) else rows
-    )
+    sensed = [] if data.readings is None else [np.intersect1d(rows, part) for *_, part in data.readings.parts]
+    posed = np.setdiff1d(rows, np.concatenate(sensed)) if sensed else rows
+    share = most / max(len(rows), 1)
+    picked = [_spaced(posed, round(share * len(posed)))]
+    picked += [_spaced(part, max(round(share * len(part)), _EACH)) for part in sensed]
+    return data.take(data.whole(np.sort(np.concatenate(picked))))
+
+
+def _spaced(rows: np.ndarray, most: int) -> np.ndarray:
+    """At most that many of the rows, evenly spaced."""
+    return rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)] if len(rows) else rows
 
 
 def distance(data: Measurements, robot: Robot) -> Distance | None:

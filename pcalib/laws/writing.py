@@ -9,7 +9,7 @@ import numpy as np
 
 from pcalib import units
 from pcalib.laws.grammar import EACH, Law
-from pcalib.wording import figure
+from pcalib.wording import capital, figure
 
 _HELPERS = ("along_arms", "motor_axes")
 """Functions of `pcalib.laws.channels` that a channel's text may use."""
@@ -46,7 +46,7 @@ def written(law: Law, theta: np.ndarray, source: str) -> str:
     used = [name for name in _HELPERS if f"{name}(" in expression]
     helpers = f"from pcalib.laws.channels import {', '.join(used)}\n" if used else ""
     numpy = "import numpy as np\n\n" if "np." in "".join((*body, expression)) else ""
-    text = f'''"""{law.words()[0].upper()}{law.words()[1:]}.
+    text = f'''"""{capital(law.words())}.
 
 `pcalib propose` wrote this law for {_quoted(source)}.
 Amplitudes fitted there: {values} {units.spoken(law.channel.unit)}.

@@ -18,7 +18,7 @@ from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.steps import add
 from pcalib.errors import InputError
-from pcalib.fitting import identification, linearisation
+from pcalib.fitting import drawing, identification, linearisation, mixups
 from pcalib.fitting.result import Code
 from pcalib.fitting.unknowns import apply, unknowns_of
 from pcalib.model import Conditions, Model
@@ -222,3 +222,15 @@ def test_a_pose_that_is_not_there_is_named(gauge, delta, tmp_path):
     (tmp_path / "bad.csv").write_text(gauge[1].read_text().replace(",P7\n", ",P777\n", 1))
     with pytest.raises(InputError, match="there is no pose 'P777'"):
         measurement.load(tmp_path / "bad.csv", delta)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_readings_of_stations_in_turn_are_not_far_from_the_drawing(seed):
+    """Three stations and an inclinometer take turns: rows that are evenly spaced would all be of one station."""
+    truth, data = measured("none", 59, seed=seed)
+    data = data.take(np.flatnonzero(data.readings.sensor != "probe"))
+    taken = drawing.some_rows(data).readings.parts
+    assert len(taken) == 4 and all(len(rows) >= 8 for *_, rows in taken)
+    found = mixups.judge(data, truth.robot)
+    assert not found.far and not found.named
+    assert found.distance is not None and found.distance.near
