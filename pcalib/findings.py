@@ -15,6 +15,7 @@ from pcalib.data.replicates import Noise, groups
 from pcalib.fitting import mixups
 from pcalib.fitting.mixups import Judgement, Nominal
 from pcalib.robot import Robot
+from pcalib.uncertainty.forecast import Forecast
 
 ENOUGH_DOF = 20
 """Degrees of freedom of replicates from which the noise counts as verified: σ to about ± 16 %."""
@@ -113,6 +114,21 @@ def _sensed(data: Measurements) -> Iterator[Finding]:
                 "say little else.",
                 "Measure to it at ten or more poses.",
             )  # fmt: skip
+
+
+def with_forecast(found: list[Finding], told: Forecast | None) -> list[Finding]:
+    """The findings, and what a fit to the data could not tell."""
+    if told is None or not told.tilts_unseen:
+        return found
+    said = f"A fit lets 95 % of landings be within {told.landings}."
+    if any(f.code == "position_only" for f in found):
+        return [replace(f, message=f"{f.message} {said}") if f.code == "position_only" else f for f in found]
+    seen = Finding(
+        "note", "tilts_unseen", f"These readings show turns of the plate in part. {said}",
+        "Before long tools are used, read its orientation as well (an inclinometer will do), or measure further tool "
+        "points.",
+    )  # fmt: skip
+    return [*found, seen]
 
 
 def joint_coverage(data: Measurements, robot: Robot | None) -> Iterator[Finding]:

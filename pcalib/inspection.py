@@ -17,6 +17,7 @@ from pcalib.findings import Finding, is_direction, span, verified
 from pcalib.fitting import mixups
 from pcalib.fitting.mixups import Nominal
 from pcalib.robot import Robot
+from pcalib.uncertainty.forecast import forecast
 
 SCHEMA = "pcalib.inspect/1"
 
@@ -58,7 +59,11 @@ def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
         *findings.clock(data),
     ]
     if nominal is not None and robot is not None:
-        found += findings.against_nominal(data, nominal, mixups.judge(data, robot))
+        judged = mixups.judge(data, robot)
+        found += findings.against_nominal(data, nominal, judged)
+        told = None if judged.far or judged.named else forecast(data, robot)
+        facts["forecast"] = told and told.to_json()
+        found = findings.with_forecast(found, told)
     order = ("error", "warning", "note")
     return Inspection(facts, tuple(sorted(found, key=lambda f: order.index(f.level))))
 

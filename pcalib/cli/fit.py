@@ -74,7 +74,7 @@ def command(
     from pcalib.fitting import crossvalidation, identification, mixups, trust
     from pcalib.model import Model
     from pcalib.uncertainty import assessed, outlook
-    from pcalib.wording import capital, size
+    from pcalib.wording import size
 
     described = robots.load(robot)
     measured = measurement.load(data, described)
@@ -82,7 +82,7 @@ def command(
         crossvalidation.require_folds(measured, folds)
     judged = mixups.judge(measured, described)
     said = mixups.sentence(judged, mixups.compare(measured, described)) if judged.tried else ""
-    far_off = f"{said}. {capital(mixups.remedy(judged))}."
+    far_off = f"{said}; {mixups.remedy(judged)}."
     refused = {"schema": "pcalib.fit/1", "status": "far", "reason": said, "drawing": judged.to_json()}
     too_far = InputError(said, file=data, remedy=f"{mixups.remedy(judged)}; if it is meant, fit with --far")
     if judged.absurd and judged.named and not far:

@@ -114,4 +114,11 @@ def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     nominal = facts["nominal"]
     if nominal is not None and nominal["rms_pos_um"] == nominal["rms_pos_um"]:
         rows.append(("from the nominal robot", f"{nominal['rms_pos_um'] / 1e3:.3g} mm rms"))
+    told = facts.get("forecast")
+    if told is not None:
+        first, *_, last = told["landings"]
+        longer = ""
+        if last != first:
+            longer = f", {wording.size(1e-6 * last['u95_um'])} with a {last['tool_mm']:.0f} mm tool"
+        rows.append(("a fit lets land within", f"{wording.size(1e-6 * first['u95_um'])} at the plate{longer} (95 %)"))
     return rows

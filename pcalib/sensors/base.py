@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -113,12 +113,21 @@ class Sensor(ABC):
         """What it should read at poses with values of the blocks."""
 
 
-def best(residual: Callable[[np.ndarray], np.ndarray], starts: Sequence[np.ndarray]) -> list[tuple[float, np.ndarray]]:
-    """Least-squares solutions from several starts, (χ², values) each, the best first."""
+Function = Callable[[np.ndarray], np.ndarray]
+"""Of the unknowns of a set-up: (n,) residuals, or their (n, p) derivatives."""
+
+
+def best(residual: Function, starts: Sequence[np.ndarray], slopes: Function | None = None) -> np.ndarray:
+    """The best of the least-squares solutions from several starts.
+
+    Args:
+        slopes: derivatives of the residuals; differences are taken where they are absent.
+    """
     from scipy.optimize import least_squares
 
-    found = [least_squares(residual, start, x_scale="jac") for start in starts]
-    return sorted(((2 * float(f.cost), f.x) for f in found), key=lambda one: one[0])
+    jac: Any = "2-point" if slopes is None else slopes
+    found = [least_squares(residual, start, jac=jac, x_scale="jac") for start in starts]
+    return min(found, key=lambda one: one.cost).x
 
 
 def point(text: str) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Sequence
 from typing import ClassVar
@@ -48,7 +47,7 @@ class Distance(Sensor):
         return out
 
     def start(self, scene: Scene, value: np.ndarray, to: str, options: Options) -> tuple[np.ndarray, ...]:
-        """The place from which the distances fit best, sought from all sides, or near the stated one."""
+        """The place from which the distances fit best, sought near the stated one or from those of :func:`_places`."""
         x, d = scene.x, value[:, 0]
 
         def miss(place: np.ndarray) -> np.ndarray:
@@ -56,11 +55,9 @@ class Distance(Sensor):
 
         stated = next((p for k, p in options.items() if re.fullmatch(rf"station_{re.escape(to)}_\w+", k)), None)
         if isinstance(stated, np.ndarray):
-            place = best(lambda p: np.r_[miss(p), (p - stated) / _STATED * np.std(miss(stated))], [stated])[0][1]
+            place = best(lambda p: np.r_[miss(p), (p - stated) / _STATED * np.std(miss(stated))], [stated])
         else:
-            sides = np.array([s for s in itertools.product((-1, 0, 1), repeat=3) if any(s)], float)
-            sides /= np.linalg.norm(sides, axis=1)[:, None]
-            place = best(miss, list(x.mean(axis=0) + np.mean(d) * sides))[0][1]
+            place = best(miss, _places(x, d), lambda p: (p - x) / np.linalg.norm(x - p, axis=1)[:, None])
         return (place, np.zeros(1))[: len(self.blocks(to, options))]
 
     def see(self, scene: Scene, theta: Sequence[np.ndarray]) -> Seen:
@@ -71,6 +68,25 @@ class Distance(Sensor):
         ones = [np.ones((len(d), 1, 1))] * (len(theta) - 1)
         offset = theta[1][0] if len(theta) > 1 else 0.0
         return Seen((d + offset)[:, None], np.concatenate([u, 0 * u], axis=-1), np.concatenate([-u, *ones], axis=-1))
+
+
+def _places(x: np.ndarray, d: np.ndarray) -> list[np.ndarray]:
+    """Places (3,) from which points x (n, 3) are about d (n,) away.
+
+    |y|² − d² = 2 y·c − |c|² is linear in the place c, with y the points about their middle. Where all points lie near a
+    plane, it hardly shows on which side of it c is: its height then follows from |c|², and both sides are places.
+    """
+    y = x - x.mean(axis=0)
+    axes = np.linalg.svd(y)[2]
+    known = np.sum(y**2, axis=1) - d**2
+
+    def solved(along: np.ndarray) -> tuple[np.ndarray, float]:
+        c, minus = np.split(np.linalg.lstsq(np.column_stack([2 * y @ along.T, np.ones(len(y))]), known)[0], [-1])
+        return c @ along, float(-minus[0])
+
+    (whole, _), (flat, square) = solved(axes), solved(axes[:2])
+    height = np.sqrt(max(square - flat @ flat, 1e-12)) * axes[2]
+    return [x.mean(axis=0) + c for c in (whole, flat + height, flat - height)]
 
 
 SENSOR = Distance()

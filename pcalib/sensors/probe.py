@@ -55,14 +55,14 @@ class Probe(Sensor):
             A = np.column_stack([2 * (x - middle), np.ones(len(x))])
             c = np.linalg.lstsq(A, np.sum((x - middle) ** 2, axis=1), rcond=None)[0]
             first = np.append(c[:3] + middle, np.sqrt(max(c[3] + c[:3] @ c[:3], 1e-12)) - np.mean(d))
-            return (best(lambda s: np.linalg.norm(x - s[:3], axis=1) - s[3] - d, [first])[0][1],)
+            return (best(lambda s: np.linalg.norm(x - s[:3], axis=1) - s[3] - d, [first]),)
 
         def miss(plane: np.ndarray) -> np.ndarray:
             return x @ _normal(plane) - plane[2] - d
 
         normals = np.linalg.svd(x - middle)[2]
         starts = [np.append(_turn(n), n @ middle - d.mean()) for n in (normals[2], -normals[2])]
-        return (best(miss, starts)[0][1],)
+        return (best(miss, starts),)
 
     def see(self, scene: Scene, theta: Sequence[np.ndarray]) -> Seen:
         """See the class."""

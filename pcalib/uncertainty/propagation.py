@@ -116,8 +116,7 @@ def _by_geometry(model: Model, p: Prediction, at: Closure, JX: np.ndarray) -> np
 
 def beside_a_frame(model: Model, q: np.ndarray, conditions: Conditions) -> np.ndarray:
     """(N, 3, 3) [m²] covariance of the TCP by the doubt of geometry and effects, without what a rigid motion of all N
-    landings takes away: once the frame of the cell is taught with the robot itself."""
-    require_known(model)
+    landings takes away: once the frame of the cell is taught with the robot itself. The model keeps a posterior."""
     assert model.posterior is not None
     bare = replace(model, frame=None)
     p = prediction.predict(bare, q, conditions)
