@@ -115,7 +115,8 @@ def cross_validate(
     rod: np.ndarray | None = None
     estimates, names = [], ()
     for f in range(folds):
-        found = identification.fit(data.take((fold >= 0) & (fold != f)), robot, level, **options)
+        rest = data.take((fold >= 0) & (fold != f))
+        found = identification.fit(rest, robot, level, suspect=f == 0, **options)
         held = data.take(fold == f)
         error[fold == f], p = identification.residuals(found.model, held)
         rods = rod_errors(found.model, error[fold == f], p)

@@ -62,6 +62,7 @@ def fit(
     prior_scale: float | None = None,
     weighted: bool = True,
     max_iterations: int = 60,
+    suspect: bool = True,
 ) -> Fit:
     """Identify a robot from measurements.
 
@@ -76,9 +77,11 @@ def fit(
         fixed, bounds, prior: see :func:`pcalib.fitting.unknowns.unknowns_of`.
         prior_scale: common factor on the manufacturing priors; estimated (≥ 1) where absent.
         weighted: divide by the instrument's σ; False weighs a millimetre like a radian, as the paper's text does.
+        suspect: where the data are far from the robot, look for a mistake in the file; False where that was done.
 
     Raises:
-        InputError: rows that the nominal robot cannot reach, or fewer readings than the level needs.
+        InputError: rows that the nominal robot cannot reach, fewer readings than the level needs, or columns that are
+            mixed up.
     """
     model = robot if isinstance(robot, Model) else Model.nominal(robot)
     said = {"method": method, "loss": loss, "fixed": fixed, "bounds": bounds, "prior": prior}
@@ -99,7 +102,8 @@ def fit(
         model = model.with_geometry(model.robot.mechanism.nominal + unknowns.level.project(model.errors))
     at = evaluate(model, used)
     require_reach(at[1], used)
-    require_order(at[0], used, model.robot)
+    if suspect:
+        require_order(at[0], used, model.robot)
     expected = require_enough(model, used, unknowns)
     noise, repeated = with_joints(used, model, at[1].pose)
     task = Task(used, noise, unknowns, np.arange(len(unknowns.names)), loss, prior_scale, max_iterations)
