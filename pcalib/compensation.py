@@ -19,13 +19,14 @@ from pcalib.mechanics.kinematics import Solution
 from pcalib.mechanics.mechanism import Pose
 from pcalib.model import Model
 from pcalib.prediction import Conditions
+from pcalib.shown import Tabled
 from pcalib.workspace import oriented
 
 METHODS = ("exact", "first-order")
 
 
 @dataclass(frozen=True)
-class Compensated:
+class Compensated(Tabled):
     """The command for each target, and whether there is one."""
 
     q: np.ndarray

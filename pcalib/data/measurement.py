@@ -28,6 +28,7 @@ from pcalib.data.sigma import DEFAULT_SIGMA_ROT as DEFAULT_SIGMA_ROT
 from pcalib.data.table import Table
 from pcalib.errors import InputError
 from pcalib.robot import Robot
+from pcalib.shown import Tabled
 
 FRAMES = {"base": "base", "tracker": "tracker", "artefact": "tracker"}
 """Measuring frames that a file may name, and how they are handled: an artefact's place is as unknown as a tracker's."""
@@ -37,7 +38,7 @@ _UNIT = {"length": "mm", "angle": "deg", "mass": "kg", "temperature": "degC", "t
 
 
 @dataclass(frozen=True, eq=False)
-class Measurements:
+class Measurements(Tabled):
     """N measured poses, SI."""
 
     q: np.ndarray
@@ -385,6 +386,15 @@ def save(path: str | Path, data: Measurements) -> None:
     Raises:
         InputError: the file cannot be written.
     """
+    tables.write(path, *written(data))
+
+
+def written(data: Measurements) -> tuple[dict[str, np.ndarray | list[str]], dict[str, str]]:
+    """Columns and metadata of the file that holds the measurements.
+
+    Raises:
+        InputError: no file can hold them.
+    """
     if data.correlation is not None and data.instrument is None:
         raise InputError(
             "the readings of a row are correlated by no instrument that one file can state",
@@ -447,7 +457,7 @@ def save(path: str | Path, data: Measurements) -> None:
     if data.readings is not None and data.readings.origin is not None:  # rows for other ends are made on reading
         keep = np.setdiff1d(np.arange(n), data.readings.origin[data.readings.origin >= 0])
         out = {name: [v[i] for i in keep] if isinstance(v, list) else v[keep] for name, v in out.items()}
-    tables.write(path, out, head)
+    return out, head
 
 
 def _mask(position: np.ndarray, turn: np.ndarray) -> np.ndarray:

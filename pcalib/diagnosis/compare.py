@@ -19,6 +19,7 @@ from pcalib.fitting import linearisation
 from pcalib.fitting.identification import Accuracy, accuracy
 from pcalib.fitting.noise_level import NoiseLevel
 from pcalib.model import Model
+from pcalib.shown import Shown
 
 N_DRAWS = 1024
 
@@ -39,7 +40,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Shown):
     """A model against measurements."""
 
     fit: Accuracy

@@ -36,6 +36,7 @@ from pcalib.fitting import memory as memories
 from pcalib.fitting import noise_level as noises
 from pcalib.fitting.noise_level import NoiseLevel
 from pcalib.model import Model
+from pcalib.shown import Shown
 
 N_DRAWS = 4096
 FEWEST_LEFT = 10
@@ -86,7 +87,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Shown):
     """What is missing from a model, as far as the data can tell."""
 
     verdict: str

@@ -22,7 +22,18 @@ _TONES = {"nothing_missing": "good", "established": "neutral", "ambiguous": "neu
 
 def write_comparison(path: str | Path, model: Model, data: Measurements, found: Comparison) -> None:
     """A page on where a model and measurements differ."""
-    hot = bool(telling.hot_cells(found.cells))
+    page = Page(
+        f"Model and measurements of {model.robot.name}",
+        telling.comparison_sentence(found),
+        comparison_sections(found),
+        "bad" if telling.hot_cells(found.cells) else "good",
+        {"data": data.source, "level": model.level, "effects": _effects(model), **versions()},
+    )
+    report.write(path, page)
+
+
+def comparison_sections(found: Comparison) -> list[Section]:
+    """Where and how far a model and measurements differ, for this page or another."""
     rows = [("fit", found.fit, found.times_noise[0]), ("check", found.check, found.times_noise[1])]
     figures_table = Table(
         ("rows", "poses", "RMS", "max", "rotation RMS", "times noise"),
@@ -45,19 +56,11 @@ def write_comparison(path: str | Path, model: Model, data: Measurements, found: 
         ],
         "><>>>>>>",
     )  # fmt: skip
-    sections = [
+    return [
         Section("How far apart", [figures_table, Bullets(telling.comparison_details(found))]),
         Section("Where it shows", [_map(found.cells)]),
         Section("Worst poses", [worst]),
     ]
-    page = Page(
-        f"Model and measurements of {model.robot.name}",
-        telling.comparison_sentence(found),
-        sections,
-        "bad" if hot else "good",
-        {"data": data.source, "level": model.level, "effects": _effects(model), **versions()},
-    )
-    report.write(path, page)
 
 
 def write_evidence(path: str | Path, model: Model, data: Measurements, found: Evidence) -> None:

@@ -20,6 +20,7 @@ from pcalib.fitting.unknowns import Unknowns, current
 from pcalib.mechanics.mechanism import Level
 from pcalib.model import Model
 from pcalib.posterior import Posterior
+from pcalib.shown import Shown
 
 _OVERSTATED = 0.5
 """χ² per degree of freedom below which σ is doubted."""
@@ -100,7 +101,7 @@ def accuracy(error: np.ndarray, noise: Noise, parameters: float) -> Accuracy:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit:
+class Fit(Shown):
     """The outcome of an identification. `model` refuses where the fit cannot be trusted."""
 
     candidate: Model

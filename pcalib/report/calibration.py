@@ -7,15 +7,35 @@ from pathlib import Path
 
 import numpy as np
 
-from pcalib import prediction
+from pcalib import prediction, summary
 from pcalib.data.measurement import Measurements
 from pcalib.fitting.linearisation import conditions_of, residuals, seen_from
 from pcalib.fitting.result import Fit
 from pcalib.model import Model
 from pcalib.report import page, sections
 from pcalib.report import residuals as figures
-from pcalib.report.page import Bullets, Figure, Page, Section
+from pcalib.report.page import Bullets, Figure, Page, Section, Table
 from pcalib.report.page import write as write_page
+
+
+def first_sections(fit: Fit, data: Measurements) -> list[Section]:
+    """The figures of a fit and its residuals, for a first look."""
+    drawn = seen_from(Model.nominal(fit.candidate.robot), data)
+    moved = Table(("moved most", "from nominal", "± 1σ", "in σ"), summary.largest_changes(fit), "<>>>")
+    return [
+        sections.data(fit, f"{len(data)} rows of {Path(data.source).name}, in the {data.frame} frame."),
+        _by_row(fit, data, residuals(drawn, data)[0]),
+        Section("What moved most", [moved]),
+    ]
+
+
+def _by_row(fit: Fit, data: Measurements, before: np.ndarray) -> Section:
+    drawn = Figure(
+        figures.by_row(before, fit.error, data.sigma, data.check),
+        "Length of each row's residual. In a tracker's frame the drawn robot is laid onto the readings.",
+        "Residuals of every row before and after the fit, on a logarithmic scale.",
+    )
+    return Section("What is left, row by row", [drawn])
 
 
 def fit_sections(fit: Fit, data: Measurements) -> list[Section]:
@@ -26,16 +46,7 @@ def fit_sections(fit: Fit, data: Measurements) -> list[Section]:
     there = prediction.predict(model, data.q, conditions_of(data)).pose.x if not p.reached.all() else p.pose.x
     out = [
         sections.data(fit, f"{len(data)} rows of {Path(data.source).name}, in the {data.frame} frame."),
-        Section(
-            "What is left, row by row",
-            [
-                Figure(
-                    figures.by_row(before, fit.error, data.sigma, data.check),
-                    "Length of each row's residual. In a tracker's frame the drawn robot is laid onto the readings.",
-                    "Residuals of every row before and after the fit, on a logarithmic scale.",
-                )
-            ],
-        ),
+        _by_row(fit, data, before),
     ]
     if np.isfinite(fit.error[:, :3]).any():
         out.append(

@@ -92,8 +92,12 @@ class Page:
     """Versions, seeds, files: what is needed to get the same again."""
 
 
-def html(page: Page) -> str:
-    """The report as the text of an HTML file."""
+def html(page: Page, template: str = "page") -> str:
+    """The report as the text of an HTML file.
+
+    Args:
+        template: 'page', or 'notebook' for what stands among others in a notebook.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -105,7 +109,7 @@ def html(page: Page) -> str:
         lstrip_blocks=True,
     )
     environment.filters["drawing"] = Markup
-    return environment.get_template("page.html.j2").render(page=page)
+    return environment.get_template(f"{template}.html.j2").render(page=page)
 
 
 def write(path: str | Path, page: Page) -> None:

@@ -28,7 +28,9 @@ def by_row(before: np.ndarray, after: np.ndarray, sigma: np.ndarray, held: np.nd
         for axes, (columns, factor, name) in zip(panels, kinds, strict=True):
             for error, colour, label in ((before, SERIES[1], "as drawn"), (after, SERIES[0], "fitted")):
                 length = _length(error[:, columns]) * factor
-                axes.vlines(rows, np.nanmin(length) / 2, length, color=colour, lw=0.8, alpha=0.3)
+                low = np.full(len(rows), np.nanmin(length) / 2)
+                stems = np.stack([low, length, np.full(len(rows), np.nan)], axis=1)
+                axes.plot(np.repeat(rows, 3), stems.ravel(), color=colour, lw=0.8, alpha=0.3)  # one path, not hundreds
                 axes.plot(rows[~held], length[~held], ls="", marker="o", ms=4, color=colour, label=label)
                 if held.any():
                     axes.plot(rows[held], length[held], ls="", marker="o", ms=4, mfc="none", color=colour)
