@@ -96,8 +96,7 @@ def compare(
     sigma = noise_of(made, data)
     size = np.sqrt(np.nanmean((error / sigma) ** 2, axis=1))
     order = [int(i) for i in np.argsort(-np.nan_to_num(size))[:n_worst]]
-    fit_rows = data.fit_rows
-    odd = set(fit_rows[made.set_aside].tolist())
+    odd = set(made.rows[made.set_aside].tolist())
 
     def judged(rows: np.ndarray) -> tuple[Accuracy, float] | None:
         if not rows.any():

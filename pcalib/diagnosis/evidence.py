@@ -204,7 +204,7 @@ def _by_variable(
         return None
     theta = next(f.theta for f in after.candidate.effects if f.effect.name == effect.name)
     component = effect.contribution(at, theta)[channel]
-    kept = np.flatnonzero(~data.check)[np.setdiff1d(np.arange(len(made.given)), made.set_aside)]
+    kept = np.delete(made.rows, made.set_aside)
     error = after.error[kept]
     G = getattr(made.point.response(), channel)
     seen = made.data.mask & np.isfinite(error)

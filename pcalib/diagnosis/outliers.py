@@ -81,7 +81,10 @@ def find(y: np.ndarray, Q: np.ndarray, row: np.ndarray, n_rows: int, nuisance: n
 
 def _with(basis: np.ndarray, readings: np.ndarray) -> np.ndarray:
     """The basis (M, d) and whatever some readings (M,) bool show by themselves."""
-    return np.hstack([basis, outside(np.eye(len(readings))[:, readings], basis)])
+    mine = np.flatnonzero(readings)
+    each = np.zeros((len(readings), len(mine)))
+    each[mine, np.arange(len(mine))] = 1.0
+    return np.hstack([basis, outside(each, basis)])
 
 
 def _left(y: np.ndarray, Q: np.ndarray, row: np.ndarray, n_rows: int) -> tuple[np.ndarray, np.ndarray, float]:

@@ -19,6 +19,7 @@ from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.screen import NUISANCE, Group, Known, Screen, joint_span, outside, project_out, screen, span
 from pcalib.diagnosis.searched import breaks, scanned
 from pcalib.diagnosis.tails import Tails
+from pcalib.diagnosis.taking import MOST, taken
 from pcalib.effects.base import Effect
 from pcalib.fitting import linearisation
 from pcalib.fitting import memory as memories
@@ -92,7 +93,11 @@ class Problem:
     outliers: Outliers
     """Rows of `given` that were set aside."""
     given: Measurements
-    """The fit rows before any were set aside."""
+    """The fit rows that were looked at, before any were set aside."""
+    rows: np.ndarray
+    """Rows of the data that `given` holds."""
+    of: int
+    """How many rows to fit the data have: more than those of `given` in a large file."""
     tails: Tails | None = None
     """How heavy tails of the noise are met; None where it has none."""
 
@@ -165,19 +170,23 @@ def problem(
     noise: NoiseLevel | None = None,
     all_rows: bool = False,
     without: Sequence[str] = (),
+    most: int = MOST,
 ) -> Problem:
     """Set up the diagnosis of a model on data.
 
     Args:
-        data: all rows; only those of ``set = fit`` are used.
+        data: all rows; only those of ``set = fit`` are used, and of very many some that stand for all.
         own: the user's own effects.
         noise: a level found before; estimated where absent.
         all_rows: set no outliers aside.
         without: names of effects that are not considered.
+        most: rows that are looked at, about.
     """
     fit = data.take(~data.check)
+    some = taken(fit, most)
+    rows, of, fit = np.flatnonzero(~data.check)[some], len(fit), fit.take(some) if len(some) < len(fit) else fit
     model = linearisation.seen_from(model, fit)
-    made = _linearised(model, fit, own, without)
+    made = replace(_linearised(model, fit, own, without), rows=rows, of=of)
     if not all_rows:
         events = [p for p in made.patterns if p.found is not None and p.found.clear]
         steps = [made.whitened(p.columns) * p.size for p in events]  # rows after a step are no outliers
@@ -192,7 +201,9 @@ def problem(
         if len(odd.rows) and not odd.kept:
             keep = np.ones(len(fit), bool)
             keep[odd.rows] = False
-            made = replace(_linearised(model, fit.take(keep), own, without), outliers=odd, given=fit)
+            made = replace(
+                _linearised(model, fit.take(keep), own, without), outliers=odd, given=fit, rows=rows, of=of
+            )
         else:
             made = replace(made, outliers=odd)
     blocks = _blocks(made)
@@ -291,7 +302,7 @@ def _linearised(model: Model, fit: Measurements, own: Sequence[Effect], without:
     return Problem(
         model, fit, point, linear.residual, nuisance, linear.row, linear.component,
         tuple(found), tuple(cells), tuple(unavailable), noises.as_stated(fit), eye, (),
-        Outliers(np.zeros(0, int), np.zeros(0)), fit,
+        Outliers(np.zeros(0, int), np.zeros(0)), fit, np.arange(len(fit)), len(fit),
     )  # fmt: skip
 
 

@@ -94,6 +94,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             "times_stated": found.given.stated,
             "against": list(found.given.against),
         },
+        "rows": {"fit": made.of, "looked_at": len(made.given)},
         "outliers": [int(made.given.lines[i]) for i in made.outliers.rows],
         "heatmap": [_cell_json(c, made) for c in found.cells],
         "next": advice(found),
@@ -147,6 +148,7 @@ def comparison_json(c: Comparison) -> dict[str, Any]:
         "times_noise_check": c.times_noise[1],
         "noise": noise_json(c.noise),
         "misfit": {"chi2_dof": c.misfit.chi2_dof, "p": c.misfit.p, "dof": c.misfit.dof},
+        "rows": {"fit": c.problem.of, "looked_at": len(c.problem.given)},
         "worst": [
             {
                 "line": w.line,

@@ -197,7 +197,7 @@ def broken(made: Problem, cell: Cell) -> str:
 
 def details(found: Diagnosis) -> list[str]:
     """What to know beside the verdict, one sentence each."""
-    out = [noise_sentence(found.problem), *far_rows(found.problem)]
+    out = [noise_sentence(found.problem), *looked_at(found.problem), *far_rows(found.problem)]
     out += [f"Held-out poses: {_held_out(e.held_out)}." for e in found.sets if e.held_out is not None]
     if found.sets and found.events:
         out.append(f"It may as well be an event: {broken(found.problem, found.events[0])}.")
@@ -220,6 +220,16 @@ def noise_sentence(made: Problem) -> str:
     """The noise level and where it comes from, in this robot's units."""
     angles = made.model.robot.mechanism.actuator_dimension == "angle"
     return made.noise.sentence("µrad" if angles else "µm")
+
+
+def looked_at(made: Problem) -> list[str]:
+    """How many rows stand for all, where a file has more than are looked at."""
+    if len(made.given) == made.of:
+        return []
+    return [
+        f"What is missing was looked for in {len(made.given)} of the {made.of} rows to fit: in stretches spread evenly "
+        "over the file, and in some rows of every station, payload, tool and direction."
+    ]
 
 
 def far_rows(made: Problem) -> list[str]:
@@ -380,7 +390,7 @@ def comparison_sentence(c: Comparison) -> str:
 
 def comparison_details(c: Comparison) -> list[str]:
     """What to know beside it, one sentence each: rows set aside, what a new fit would leave, and the noise."""
-    out = far_rows(c.problem)
+    out = [*looked_at(c.problem), *far_rows(c.problem)]
     left = c.misfit.times_noise
     if c.misfit.dof and not 1 / MORE < c.times_noise[0] / left < MORE:
         without = "Without them, and with" if len(c.problem.set_aside) else "With"

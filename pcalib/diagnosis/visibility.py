@@ -23,6 +23,8 @@ FAINT = 0.05
 SAME = 0.02
 """Share of an effect's signal below which what lies outside another's span counts as nothing: 2 % of a signal of 50
 noise units is one unit, which no data set shows."""
+ROWS = 1000
+"""Rows that are looked at, about: shares of signals do not depend on how many there are."""
 
 
 def visibility(model: Model, data: Measurements, own: Sequence[Effect] = ()) -> dict[str, float]:
@@ -30,7 +32,7 @@ def visibility(model: Model, data: Measurements, own: Sequence[Effect] = ()) -> 
 
     Effects that these poses cannot show at their largest possible size have 0.
     """
-    made = problem(model, data, own, all_rows=True)
+    made = problem(model, data, own, all_rows=True, most=ROWS)
     screen = made.screen(n_draws=2)
     out: dict[str, float] = {}
     for g, c in enumerate(made.candidates):

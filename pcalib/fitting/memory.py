@@ -144,9 +144,12 @@ def _fitted(y: np.ndarray, basis: np.ndarray, time: np.ndarray, component: np.nd
         time: (M,) of each reading, in correlation times.
     """
     y, basis, eigen = y.copy(), basis.copy(), np.zeros(len(y))
+    at, values, vectors = np.zeros(0), np.zeros(0), np.zeros((0, 0))
     for c in np.unique(component):
         mine = np.flatnonzero(component == c)
-        values, vectors = np.linalg.eigh(np.exp(-np.abs(time[mine][:, None] - time[mine])))
+        if not np.array_equal(at, time[mine]):  # most files have all components in the same rows
+            at = time[mine]
+            values, vectors = np.linalg.eigh(np.exp(-np.abs(at[:, None] - at)))
         eigen[mine] = np.maximum(values, 0.0)
         y[mine], basis[mine] = vectors.T @ y[mine], vectors.T @ basis[mine]
     half = component // 3

@@ -7,18 +7,17 @@ further reading that would settle it is searched among those a workshop can make
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pcalib import prediction
 from pcalib.data.measurement import Measurements
-from pcalib.fitting.linearisation import conditions_of
+from pcalib.fitting.linearisation import chunks, conditions_of
 from pcalib.fitting.result import Fit
 from pcalib.mechanics.mechanism import Pose
-from pcalib.prediction import Conditions
 
 FAR = 20.0
 """Manufacturing tolerances beyond which a value is not taken on trust."""
@@ -31,6 +30,8 @@ ASKED = 1.3
 """Growth of the RMS from which on the data ask for a change: it is then no small error that made it."""
 SCALE = 2e-4
 """Relative σ of lengths from which on absolute scale is called weak: 0.1 mm in half a metre."""
+OUTERMOST = 1000
+"""Poses among which the two that lie farthest apart are searched: all pairs of them are looked at."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +133,10 @@ def doubts(fit: Fit, data: Measurements, most: int = 3) -> list[Doubt]:
         growth = np.sqrt(1 + (change / sigma * inflate) ** 2 / max(chi2, 1e-30))
     # Zeros of encoders, endstops and legs are set and not made, and may lie anywhere.
     made = ~fit.candidate.robot.mechanism.is_setting(unknowns.level)[unknowns.keep]
-    S, _, _ = _geometry(fit, data.q[used], conditions_of(data).take(used))
-    trace = np.sqrt(np.sum((S[seen] / data.sigma[used][seen][:, None]) ** 2, axis=0))
+    fitted, square = data.take(used), np.zeros(g)
+    for r, S, _, _ in _geometry(fit, fitted):
+        square += np.sum((S[seen[r]] / fitted.sigma[r][seen[r]][:, None]) ** 2, axis=0)
+    trace = np.sqrt(square)
     hidden = sigma / inflate * trace
     clear = np.abs(change) > CLEAR * sigma
     suspects = [j for j in np.argsort(-far * hidden) if made[j] and clear[j] and far[j] > FAR and hidden[j] > HIDDEN]
@@ -183,18 +186,24 @@ def _beside_rigid_motions(fit: Fit) -> np.ndarray:
 def _after(covariance: np.ndarray, direction: np.ndarray, reading: _Reading) -> float:
     """σ of a direction once a reading is added (the Kalman update)."""
     H = reading.rows / reading.sigma
+    if len(H) > H.shape[1]:
+        H = np.asarray(np.linalg.qr(H, mode="r"))  # HᵀH is all that readings of many rows say
     through = covariance @ direction
     innovation = np.eye(len(H)) + H @ covariance @ H.T
     gain = H @ through
     return float(np.sqrt(max(direction @ through - gain @ np.linalg.solve(innovation, gain), 0.0)))
 
 
-def _geometry(fit: Fit, q: np.ndarray, conditions: Conditions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivative of readings (N, 6, g) by the geometric unknowns, predicted positions (N, 3), and which rows exist."""
+def _geometry(fit: Fit, data: Measurements) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
+    """Chunk by chunk: its slice of the rows, the derivative of readings (n, 6, g) by the geometric unknowns, predicted
+    positions (n, 3), and which rows exist."""
     model = fit.candidate
-    p = prediction.predict(model, q, conditions)
-    at, JX = prediction.closure_of(model, p)
-    return prediction.geometry_columns(model, p, at, JX, fit.unknowns.basis), p.position, p.status == "ok"
+    for r in chunks(len(data)):
+        part = data.take(r)
+        p = prediction.predict(model, part.q, conditions_of(part))
+        at, JX = prediction.closure_of(model, p)
+        S = prediction.geometry_columns(model, p, at, JX, fit.unknowns.basis)
+        yield r, S, p.position, p.status == "ok"
 
 
 def _scale(fit: Fit, data: Measurements) -> np.ndarray | None:
@@ -202,11 +211,18 @@ def _scale(fit: Fit, data: Measurements) -> np.ndarray | None:
     unseen = [c for c in range(3) if c in fit.candidate.robot.mechanism.plate_dofs and not data.mask[:, c].any()]
     if not unseen or not data.mask[:, :3].any():
         return None
-    S, x, ok = _geometry(fit, data.q, conditions_of(data))
-    S, x = S[ok][:, unseen], x[ok][:, unseen]
-    x = x - x.mean(axis=0)
-    S = S - S.mean(axis=0)
-    return np.einsum("nc,ncg->g", x, S) / np.sum(x * x)
+    x, ok = _positions(fit, data)
+    x = x[:, unseen] - x[ok][:, unseen].mean(axis=0)
+    along = np.zeros(fit.unknowns.n_geometry)
+    for r, S, _, here in _geometry(fit, data):
+        along += np.einsum("nc,ncg->g", x[r][here], S[here][:, unseen])
+    return along / np.sum(x[ok] ** 2)
+
+
+def _positions(fit: Fit, data: Measurements) -> tuple[np.ndarray, np.ndarray]:
+    """Predicted positions (N, 3), and which rows exist (N,)."""
+    p = prediction.predict(fit.candidate, data.q, conditions_of(data))
+    return p.position, p.status == "ok"
 
 
 def _readings(fit: Fit, data: Measurements) -> list[_Reading]:
@@ -218,13 +234,14 @@ def _readings(fit: Fit, data: Measurements) -> list[_Reading]:
         first = int(np.flatnonzero(mechanism.is_rod)[0])
         row = unknowns.basis[mechanism.actuation.length[first]][None]
         found.append(_Reading(f"the length of rod {mechanism.rods[first]}, joint to joint, to 0.05 mm,", row, 5e-5))
-    S, x, ok = _geometry(fit, data.q, conditions_of(data))
     unseen = [c for c in range(3) if c in mechanism.plate_dofs and not data.mask[:, c].any()]
     if unseen:
-        a, b = _farthest(x[:, unseen], ok)
-        away = x[b, unseen] - x[a, unseen]
+        x, ok = _positions(fit, data)
+        ends = np.array(_farthest(x[:, unseen], ok))
+        _, S, x, _ = next(_geometry(fit, data.take(ends)))
+        away = x[1, unseen] - x[0, unseen]
         span = float(np.linalg.norm(away))
-        row = (away / span) @ (S[b, unseen] - S[a, unseen])
+        row = (away / span) @ (S[1, unseen] - S[0, unseen])
         axes = " and ".join("xyz"[c] for c in unseen)
         found.append(
             _Reading(f"one known distance of {span * 1e3:.0f} mm in {axes} (caliper, to 0.1 mm)", row[None], 1e-4)
@@ -235,14 +252,18 @@ def _readings(fit: Fit, data: Measurements) -> list[_Reading]:
             what = f"the same heights {heights * 1e3:.0f} mm higher (gauge block, to 0.02 mm)"
             found.append(_Reading(what, rows, 2e-5))
     elif not data.mask[:, 3:].any():
-        rows = S[ok][:10, 3:].reshape(-1, S.shape[-1])
+        ok = _positions(fit, data)[1]
+        _, S, _, _ = next(_geometry(fit, data.take(np.flatnonzero(ok)[:10])))
+        rows = S[:, 3:].reshape(-1, S.shape[-1])
         found.append(_Reading("orientations at ten of these poses, to 0.01°,", rows, float(np.radians(0.01))))
     return found
 
 
 def _farthest(x: np.ndarray, ok: np.ndarray) -> tuple[int, int]:
-    """The two poses that lie farthest apart."""
+    """The two poses that lie farthest apart; of very many, among those that are farthest from the middle."""
     rows = np.flatnonzero(ok)
+    if len(rows) > OUTERMOST:
+        rows = np.sort(rows[np.argsort(-np.linalg.norm(x[rows] - x[rows].mean(axis=0), axis=1))[:OUTERMOST]])
     d = np.linalg.norm(x[rows][:, None] - x[rows][None], axis=-1)
     a, b = np.unravel_index(int(np.argmax(d)), d.shape)
     return int(rows[a]), int(rows[b])
@@ -259,8 +280,8 @@ def _raised(fit: Fit, data: Measurements, height: float) -> tuple[float, np.ndar
     if height < 5e-3:
         return None
     above = kinematics.inverse(mechanism, model.k, pose.x + [0.0, 0.0, height], pose.R)
-    S, _, ok = _geometry(fit, above.q[above.ok], conditions_of(data).take(above.ok))
-    return height, S[ok][:, 2]
+    there = replace(data, q=above.q).take(above.ok)
+    return height, np.concatenate([S[ok][:, 2] for _, S, _, ok in _geometry(fit, there)])
 
 
 def json(found: Sequence[Doubt]) -> list[dict[str, Any]]:
