@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli._next import say_next
 from pcalib.cli.frame import BesideOption, JsonOption, SeedOption, say, show_table, write_json
 
 if TYPE_CHECKING:
@@ -44,10 +45,10 @@ def command(
         seed: Seed of the Monte-Carlo draws that set the limits of significance.
     """
     from pcalib.cli._inputs import read
-    from pcalib.diagnosis import results
+    from pcalib.diagnosis import results, telling
     from pcalib.diagnosis.diagnose import diagnose
     from pcalib.errors import InputError
-    from pcalib.laws import telling
+    from pcalib.laws import telling as laws_in_words
     from pcalib.laws.verdict import beside
     from pcalib.uncertainty import outlook, rivals
 
@@ -56,19 +57,25 @@ def command(
     calibrated, measured, own = read(model, data, effect_file)
     found = diagnose(calibrated, measured, own, largest=most, seed=seed, widened=_widened(plausible))
     laws = beside(found, seed)
-    proposed = telling.as_json(laws.proposals, None)["laws"] if laws is not None else []
+    proposed = laws_in_words.as_json(laws.proposals, None)["laws"] if laws is not None else []
     expected, uncertainty = outlook.said(calibrated, rivals.models(calibrated, effect_file))
     write_json(json, {**results.diagnosis_json(found), "laws": proposed, "uncertainty": uncertainty})
     if report is not None:  # before anything is printed: a closed pipe loses no file
         from pcalib.diagnosis import page
 
-        page.write_diagnosis(report, calibrated, found)
+        page.write_diagnosis(report, calibrated, found, str(model))
     show(found, laws)
     say(f"Of the model as it is: {expected}")
-    if found.verdict == "unexplained" and laws is not None and laws.proposals.families:
-        say(f"Next: pcalib propose {data} --model {model} -o laws")
     if report is not None:
         say(f"Report written to {report}.")
+    files = [word for path in effect_file for word in ("--effect-file", str(path))]
+    for step in telling.advised(found, str(model)):
+        if step.words:
+            say_next(*step.words, *files, why=step.why)
+        else:
+            say(f"- {step.why}")
+    if found.verdict == "unexplained" and laws is not None and laws.proposals.families:
+        say_next("propose", data, "--model", model, "-o", "laws", *files)
     return None
 
 
@@ -130,5 +137,3 @@ def show(found: Diagnosis, laws: Beside | None = None) -> None:
         )
     for unavailable in found.unavailable:
         say(f"- {unavailable.name}: not considered, {unavailable.why}.")
-    for line in telling.advice_lines(found):
-        say(f"Next: {line}")

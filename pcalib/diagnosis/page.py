@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from pcalib.diagnosis.evidence import Evidence
 from pcalib.model import Model
 from pcalib.report import Bullets, Facts, Figure, Page, Section, Table
 from pcalib.report.page import versions
-from pcalib.wording import angle, number, size
+from pcalib.wording import angle, capital, number, size
 
 _TONES = {"nothing_missing": "good", "established": "neutral", "ambiguous": "neutral", "unexplained": "bad"}
 
@@ -77,22 +78,22 @@ def write_evidence(path: str | Path, model: Model, data: Measurements, found: Ev
     report.write(path, Page(title, telling.evidence_sentence(found), sections, "neutral", facts))
 
 
-def write_diagnosis(path: str | Path, model: Model, found: Diagnosis) -> None:
-    """A page on what is missing from a model."""
+def write_diagnosis(path: str | Path, model: Model, found: Diagnosis, file: str) -> None:
+    """A page on what is missing from a model, which stands in that file."""
     report.write(
         path,
         Page(
             f"Diagnosis of {model.robot.name}",
             telling.sentence(found),
-            diagnosis_sections(found),
+            diagnosis_sections(found, file),
             _TONES[found.verdict],
             {"data": found.problem.given.source, "level": model.level, "effects": _effects(model), **versions()},
         ),
     )
 
 
-def diagnosis_sections(found: Diagnosis) -> list[Section]:
-    """The reasons of a verdict, for this page or another."""
+def diagnosis_sections(found: Diagnosis, file: str = "model.toml") -> list[Section]:
+    """The reasons of a verdict, for this page or another, and commands that go on with the model of that file."""
     out = [Section("What stands behind it", [Bullets(telling.details(found))])]
     if found.verdict in ("ambiguous", "established"):
         table = Table(("explanation", "in words"), [(" + ".join(e.names), e.words()) for e in found.sets[:10]])
@@ -118,9 +119,10 @@ def diagnosis_sections(found: Diagnosis) -> list[Section]:
         out.append(Section("What would have been seen", [limits]))
     if found.unavailable:
         out.append(Section("Not considered", [Facts({u.name: u.why for u in found.unavailable})]))
-    next_steps = telling.advice_lines(found)
-    if next_steps:
-        out.append(Section("Next", [Bullets(next_steps)]))
+    steps = telling.advised(found, file)
+    if steps:
+        said = [f"{capital(s.why)}: {shlex.join(('pcalib', *s.words))}" if s.words else s.why for s in steps]
+        out.append(Section("Next", [Bullets(said)]))
     return out
 
 

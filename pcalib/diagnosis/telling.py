@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -272,7 +273,10 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         out.append({"do": "replicate", "why": "the noise is not verified: measure ten poses twice"})
     blind = sorted({f.candidate.name for f in found.findings if f.why is Why.UNSEEN and not _geometry(f)})
     for name in blind:
-        wants = [w for f in found.findings if f.candidate.name == name for w in f.candidate.hypothesis.wants]
+        of = [f.candidate.hypothesis for f in found.findings if f.candidate.name == name]
+        if found.problem.given.frame == "base" and all(h.effect and h.effect.channels == ("sensor",) for h in of):
+            continue  # an instrument that stands in the base frame has been laid out by some length standard
+        wants = [w for h in of for w in h.wants]
         out.append({"do": "vary", "for": name, "vary": list(dict.fromkeys(wants))})
     return out
 
@@ -348,26 +352,43 @@ def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
     return sorted(seen.values())
 
 
-def advice_lines(found: Diagnosis) -> list[str]:
-    """What to do next, one sentence each."""
-    lines = []
+@dataclass(frozen=True)
+class Advised:
+    """A step to take next."""
+
+    why: str
+    """What it is for, as it follows on 'Next, '; or all there is to say where no command belongs to it."""
+    words: tuple[str, ...] = ()
+    """Words of the command of this program, but for the options that name files of effects."""
+
+
+def advised(found: Diagnosis, model: str) -> list[Advised]:
+    """What to do next.
+
+    Args:
+        model: name of the model's file.
+    """
+    data, out = found.problem.given.source, []
     shared = found.established if found.verdict == "ambiguous" else ()
     for item in advice(found):
         if item["do"] == "next":
             vary = f" (vary {', '.join(item['vary'])})" if item["vary"] else ""
-            command = f"'pcalib next … --between {','.join(item['between'])}'"
-            lines.append(f"{command}{' with that model' * bool(shared)} plans poses that tell them apart{vary}.")
+            first = "with that model, " if shared else ""
+            between = ("--between", ",".join(item["between"]), "-n", "10", "-o", "more.csv")
+            why = f"{first}to plan poses that tell them apart{vary}"
+            out.append(Advised(why, ("next", data, "--model", model, *between)))
         elif item["do"] == "add":
-            why = "comes first: it is missing in any case" if shared else "refits everything with it"
-            lines.append(f"'pcalib add {item['effect']} …' {why}.")
+            why = f"to add {item['effect']}, which is missing in any case" if shared else "to refit everything with it"
+            out.append(Advised(why, ("add", item["effect"], data, "--model", model)))
         elif item["do"] == "write an effect":
             where = spoken(item["channel"], found.problem.model.robot.mechanism.actuator_dimension == "length")
-            lines.append(f"an effect of your own that moves {where} by {item['variable']}: 'pcalib effect new NAME'.")
+            why = f"to write an effect of your own that moves {where} by {item['variable']}"
+            out.append(Advised(why, ("effect", "new", "MyEffect")))
         elif item["do"] == "replicate":
-            lines.append("measure ten poses twice (same pose_id): they say what is noise.")
+            out.append(Advised("Measure ten poses twice (same pose_id): they say what is noise."))
         elif item["do"] == "vary":
-            lines.append(f"to see {item['for']}, the data need {', '.join(item['vary']) or 'other poses'}.")
-    return lines
+            out.append(Advised(f"To see {item['for']}, the data need {', '.join(item['vary']) or 'other poses'}."))
+    return out
 
 
 def comparison_sentence(c: Comparison) -> str:

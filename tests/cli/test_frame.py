@@ -275,3 +275,16 @@ def test_on_a_terminal_lines_are_wrapped_between_words():
     lines = text.replace("\r", "").strip().split("\n")
     assert len(lines) > 2 and all(len(line) <= 60 for line in lines)
     assert all(line.startswith("  word") for line in lines[1:])
+
+
+def test_a_table_that_is_too_wide_is_shown_row_by_row(monkeypatch):
+    """Names that the next command needs are never cut, and nothing is wider than the terminal."""
+    monkeypatch.setenv("COLUMNS", "60")
+    monkeypatch.setattr(sys, "stdout", Terminal())
+    rows = [("encoder_eccentricity", "33 %", "21.3", "compliance 39.9 µrad/N·m (drive stiffness 25.1 kN·m/rad)", "")]
+    frame.show_table(("effect", "visible", "s", "fitted alone", "note"), rows)
+    lines = [line.strip() for line in sys.stdout.getvalue().splitlines() if line.strip()]
+    assert lines[0] == "encoder_eccentricity" and max(map(len, lines)) <= 60
+    assert " ".join(lines[1:]).startswith("visible 33 %; s 21.3; fitted alone compliance 39.9 µrad/N·m")
+    frame.show_table(("effect", "visible"), rows=[("encoder_eccentricity_of_all_arms", "x " * 40)])
+    assert "encoder_eccentricity_of_all_arms" in sys.stdout.getvalue()
