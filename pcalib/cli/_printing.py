@@ -72,21 +72,23 @@ def show_table(header: Sequence[str], rows: Iterable[Sequence[object]], *, title
     out = Table(box=box.SIMPLE_HEAD, show_header=any(header), pad_edge=False)
     for i, name in enumerate(header):
         right = bool(cells) and all(row[i][:1] in "+-−0123456789.–" for row in cells)  # '' is in any string
-        out.add_column(Text(shown(name)), justify="right" if right else "left", no_wrap=i == 0)
+        out.add_column(Text(shown(name)), justify="right" if right else "left", no_wrap=i == 0, overflow="fold")
     for row in cells:
         out.add_row(*(Text(cell) for cell in row))
     if title:
         say(title)
     width = Console(width=10_000).measure(out).maximum
-    longest = max((len(cell) for row in cells for cell in row[1:]), default=0)
-    if len(header) > COLUMNS and longest > LONG_CELL and width > _width():
+    cell = max((len(cell) for row in cells for cell in row[1:]), default=0)
+    word = max((len(word) for row in cells for cell in row[1:] for word in cell.split()), default=0)
+    if width > _width() and len(header) > COLUMNS and (cell > LONG_CELL or word > LONG_WORD):
         _show_blocks(header, cells)
     else:
         Console(highlight=False, width=_width()).print(out)
 
 
-COLUMNS, LONG_CELL = 3, 24
-"""A table of more columns than that, with a cell of more characters, is shown row by row where it is too wide."""
+COLUMNS, LONG_CELL, LONG_WORD = 3, 24, 12
+"""A table of more columns than that, with a cell or a word of more characters, is shown row by row where it is too
+wide: names that the next command needs are not to be broken."""
 
 
 def _show_blocks(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -95,7 +97,7 @@ def _show_blocks(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for first, *rest in rows:
         pairs = zip(header[1:], rest, strict=True)
         said = "; ".join(f"{name} {cell}".strip() for name, cell in pairs if cell)
-        print(f" {first}")
+        print(f" {header[0]} {first}" if first.isdigit() else f" {first}")
         print(textwrap.fill(said, _width(), initial_indent="   ", subsequent_indent="   ", break_long_words=False))
     print()
 

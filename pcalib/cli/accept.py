@@ -66,6 +66,17 @@ def command(
     return None if found.decision is acceptance.Decision.PASS else NOT_HELD
 
 
+def _radius(found: Acceptance) -> str:
+    """How large the misses are, in words."""
+    from pcalib.wording import size
+
+    if found.estimate == 0:
+        high = size(found.high)
+        return f"No miss stands out of the instrument's noise; 95 % of landings lie within {high} in any case"
+    limits = f"{size(found.low)} to {size(found.high)}"
+    return f"The radius that contains 95 % of landings is {size(found.estimate)}, between its limits {limits}"
+
+
 def _lines(found: Acceptance) -> list[str]:
     """The outcome in words."""
     from pcalib.ladder import tool_label
@@ -73,7 +84,6 @@ def _lines(found: Acceptance) -> list[str]:
     from pcalib.wording import size
 
     tool = tool_label(found.tool)
-    limits = f"{size(found.low)} to {size(found.high)}"
     head = {
         Decision.PASS: f"Pass: 95 % of landings lie within {size(found.within)}",
         Decision.FAIL: f"Fail: 95 % of landings do not lie within {size(found.within)}",
@@ -81,8 +91,8 @@ def _lines(found: Acceptance) -> list[str]:
     }[found.decision]
     out = [
         f"{head} ({tool}, risk {found.risk:.2g}).",
-        f"- The radius that contains 95 % of landings is {size(found.estimate)}, between its limits {limits}; from "
-        f"{found.rows} rows of {found.commands} commands. The guard band is {size(found.guard)}.",
+        f"- {_radius(found)}; from {found.rows} rows of {found.commands} commands.",
+        f"- The guard band is {size(found.guard)}.",
         f"- The instrument's own noise has a radius of {size(found.noise)} at this tool.",
     ]
     if found.turned:
