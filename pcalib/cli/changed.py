@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli._next import say_next
 from pcalib.cli.frame import BesideOption, JsonOption, OutputOption, SeedOption, say, show_table, write_json
 
 if TYPE_CHECKING:
@@ -82,8 +83,10 @@ def command(
     elif not more and found.sets:
         rivals = ["+".join(e.names) for e in found.sets[:2] if not e.slips]
         if found.verdict == "ambiguous" and len(rivals) == 2:
-            say(f"Next: pcalib next {data} --model {model} --between {','.join(rivals)} -n 6 -o more.csv")
-        say(f"Next: pcalib changed {data} --model {model} --update -o {data.stem}.toml")
+            between = ("--between", ",".join(rivals), "-n", "6", "-o", "more.csv")
+            say_next("next", data, "--model", model, *between, why="to plan poses that tell them apart")
+        why = "to fit what changed, and hold the rest"
+        say_next("changed", data, "--model", model, "--update", "-o", f"{data.stem}.toml", why=why)
     if chart is not None:
         say(f"Chart written to {chart}.")
     return None

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 
 from pcalib.cli._inputs import EffectFiles
+from pcalib.cli._next import say_next
 from pcalib.cli.frame import NOT_HELD, JsonOption, RequiredOutput, quantity, say, write_json
 
 if TYPE_CHECKING:
@@ -91,6 +92,10 @@ def command(
         say("- The model states no uncertainty: fit it anew with this version for that.")
     elif ok:
         _say_expected(expected, ok)
+        worst = float(np.nanmax(expected.u95))
+        least = int(np.ceil(2e6 * worst / 10) * 10)  # twice what is expected leaves room for a guard band
+        why = "with new measurements at such commands, to accept the robot within what you need"
+        say_next("accept", "measured.csv", "--model", model, "--within", f"{least}um", why=why)
         content["uncertainty"] = _json(expected, calibrated) if json is not None else None
     write_json(json, content)
     return NOT_HELD if strict and ok < len(wanted) else None

@@ -69,13 +69,16 @@ def command(
     if report is not None:
         say(f"Report written to {report}.")
     files = [word for path in effect_file for word in ("--effect-file", str(path))]
+    lawful = found.verdict == "unexplained" and laws is not None and bool(laws.proposals.families)
+    if lawful:
+        say_next("propose", data, "--model", model, "-o", "laws", *files)
     for step in telling.advised(found, str(model)):
+        if lawful and step.words[:1] == ("effect",):
+            continue
         if step.words:
             say_next(*step.words, *files, why=step.why)
         else:
             say(f"- {step.why}")
-    if found.verdict == "unexplained" and laws is not None and laws.proposals.families:
-        say_next("propose", data, "--model", model, "-o", "laws", *files)
     return None
 
 

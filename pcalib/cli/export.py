@@ -41,5 +41,5 @@ def command(
         outputs.write_text(output / name, text)
     write_json(json, {"schema": "pcalib.export/1", "to": to, "files": [str(output / name) for name in written]})
     say(f"{target.about}: {', '.join(written)} written to {output}.")
-    say(f"Next: {target.next.format(folder=output)}")
+    print(f"Next: {target.next.format(folder=output)}")  # never wrapped: it is to be pasted
     return None

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
+from pcalib.cli._next import say_next
 from pcalib.cli.frame import BesideOption, JsonOption, OutputOption, quantity, say, show_table, write_json
 
 if TYPE_CHECKING:
@@ -221,4 +222,4 @@ def _write_poses(robot: Any, cycles: int, tool: np.ndarray, output: Path) -> Non
         columns |= {f"tool_{axis}_mm": np.full(len(places), tool[i] * 1e3) for i, axis in enumerate("xyz")}
     table.write(output, columns, {"robot": robot.name})
     say(f"Five poses of a cube of {edge * 1e3:.0f} mm, {cycles} times, written to {output}.")
-    say(f"Next: pcalib compensate {output} --model MODEL.toml -o commands.csv")
+    say_next("compensate", output, "--model", "model.toml", "-o", "commands.csv")

@@ -12,6 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
+from pcalib.cli._next import say_next
 from pcalib.cli.frame import JsonOption, SeedOption, Writes, say, show_table, write_json
 
 
@@ -51,10 +52,11 @@ def command(
         show_table(telling.LAWS, telling.rows(found), title=f"Best of {found.tried:,} laws that were tried")
     if output is None:
         if found.families:
-            say(f"Next: pcalib propose {data} --model {model} -o laws   (writes them as effects of your own)")
+            why = "to write them as effects of your own"
+            say_next("propose", data, "--model", model, "-o", "laws", why=why)
         return None
     for spec in written:
         say(f"Law written: {spec}")
-    for line in telling.next_commands(found, output, str(data), str(model)):
-        say(f"Next: {line}")
+    for words in telling.next_commands(found, output, str(data), str(model)):
+        say_next(*words)
     return None

@@ -119,10 +119,10 @@ def _second(law: Law, folder: Path | None) -> dict[str, Any]:
             "variables": [s.variable.name for s in law.term.variables]}  # fmt: skip
 
 
-def next_commands(found: Proposals, folder: Path, data: str, model: str) -> Sequence[str]:
-    """The commands that follow, ready to paste."""
+def next_commands(found: Proposals, folder: Path, data: str, model: str) -> Sequence[tuple[str, ...]]:
+    """Words of the commands that follow."""
     if not found.adequate:
         return []
     best = found.adequate[0].first
     specs = [spec(law, folder) for law in best.laws] + [c.spec for c in best.beside]
-    return [f"pcalib add {s} {data} --model {model}" for s in specs]
+    return [("add", s, data, "--model", model) for s in specs]
