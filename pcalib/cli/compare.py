@@ -102,6 +102,9 @@ def command(
         say(f"Residuals written to {residuals}.")
     if hot:
         say_next("diagnose", data, "--model", model, why="to find what the model misses")
+    elif telling.stale(found):
+        step = telling.mended(found.problem, str(model))
+        say_next(*step.words, why=step.why)
     else:
         to_compensate(model)
     return None

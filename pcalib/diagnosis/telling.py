@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -54,12 +55,11 @@ def _as_given(found: Diagnosis) -> str:
     given, against = found.given, found.given.against
     if Against.STALE in against:
         held = "" if given.check is None else f", held-out rows {figure(given.check, 2)} times"
-        robust = " --loss huber" if len(found.problem.outliers.rows) else ""
-        why = ": rows that are far from everything have bent it" if robust else ""
-        return (
-            f"The model does not fit these data as it stands: {figure(given.fit, 2)} times the noise{held}{why}. "
-            f"Refit it ('pcalib fit …{robust}')."
-        )
+        why = ": rows that are far from everything have bent it" if len(found.problem.outliers.rows) else _bounds(found)
+        do = "Refit it" if fitted_to(found.problem) else "Refit it, or find what changed"
+        do = "Refit it with --loss huber" if len(found.problem.outliers.rows) else do
+        times = figure(given.fit, 2)
+        return f"The model does not fit these data as it stands: {times} times the noise{held}{why}. {do}."
     if Against.HELD_OUT in against and found.verdict != "established":
         assert given.check is not None
         return f"The model does not fit the held-out rows: {figure(given.check, 2)} times the noise.{_beyond(found)}"
@@ -67,6 +67,18 @@ def _as_given(found: Diagnosis) -> str:
         times = figure(given.stated, 2)
         return f"What is left over is {times} times the stated noise, and no replicates show a larger one."
     return ""
+
+
+def _bounds(found: Diagnosis) -> str:
+    """Which bounds of the fit may have kept the model from its data."""
+    bounds = found.problem.model.options.bounds if fitted_to(found.problem) else {}
+    return f": the bound on {' and '.join(bounds)} keeps the fit from more" if bounds else ""
+
+
+def fitted_to(made: Problem) -> bool:
+    """Whether the last fit of the model was made from this file."""
+    history = made.model.history
+    return bool(history) and Path(str(history[-1].get("data", ""))).name == Path(made.given.source).name
 
 
 def _beyond(found: Diagnosis) -> str:
@@ -251,6 +263,11 @@ def far_rows(made: Problem) -> list[str]:
 def advice(found: Diagnosis) -> list[dict[str, Any]]:
     """What to measure or do next."""
     out: list[dict[str, Any]] = []
+    if Against.STALE in found.given.against:
+        mends = fitted_to(found.problem) or bool(len(found.problem.outliers.rows))
+        out.append({"do": "refit" if mends else "changed"})
+    if found.verdict == "ambiguous" and len(found.sets) == 1 and not found.established:
+        out += [{"do": "try", "effect": h.spec} for h in found.sets[0].members]
     if found.verdict == "ambiguous" and len(found.sets) > 1:
         best = found.sets[0]
         shared = [h for h in best.members if h.name in found.established]
@@ -380,6 +397,11 @@ def advised(found: Diagnosis, model: str) -> list[Advised]:
         elif item["do"] == "add":
             why = f"to add {item['effect']}, which is missing in any case" if shared else "to refit everything with it"
             out.append(Advised(why, ("add", item["effect"], data, "--model", model)))
+        elif item["do"] == "try":
+            why = f"to try {item['effect']}, which is not established"
+            out.append(Advised(why, ("add", item["effect"], data, "--model", model)))
+        elif item["do"] in ("refit", "changed"):
+            out.append(mended(found.problem, model))
         elif item["do"] == "write an effect":
             where = spoken(item["channel"], found.problem.model.robot.mechanism.actuator_dimension == "length")
             why = f"to write an effect of your own that moves {where} by {item['variable']}"
@@ -389,6 +411,23 @@ def advised(found: Diagnosis, model: str) -> list[Advised]:
         elif item["do"] == "vary":
             out.append(Advised(f"To see {item['for']}, the data need {', '.join(item['vary']) or 'other poses'}."))
     return out
+
+
+def mended(made: Problem, model: str) -> Advised:
+    """What to do with a model that does not fit the data as it stands, though a refit does."""
+    data = made.given.source
+    if not (fitted_to(made) or len(made.outliers.rows)):
+        return Advised("to find what changed since it was fitted", ("changed", data, "--model", model))
+    robust = ("--loss", "huber") if len(made.outliers.rows) else ()
+    chosen = ("--level", made.model.level, *robust, "-o", "refit.toml")
+    words = ("fit", data, "--robot", f"{made.model.robot.name}.toml", *chosen)
+    return Advised("with the robot file of this model, to refit it", words)
+
+
+def stale(c: Comparison) -> bool:
+    """Whether nothing but an older model keeps it from its data: a refit would leave noise."""
+    noisy = bool(hot_cells(c.cells)) or c.misfit.p < HOT
+    return not noisy and bool(c.misfit.dof) and c.times_noise[0] > MORE * c.misfit.times_noise
 
 
 def comparison_sentence(c: Comparison) -> str:
@@ -404,7 +443,7 @@ def comparison_sentence(c: Comparison) -> str:
         return f"{text}. More than noise{spare}: it shows in {place(hot[0])}."
     if c.misfit.p < HOT:
         return f"{text}. More than noise{spare}, but it follows none of the recorded variables."
-    if c.misfit.dof and times > MORE * left:
+    if stale(c):
         return f"{text}. The model does not fit these data; refitted to them it would leave {left:.1f} times noise."
     return f"{text}. No pattern stands out of the noise."
 

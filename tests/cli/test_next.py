@@ -43,6 +43,28 @@ def test_one_command_leads_to_the_next(folder, monkeypatch, capfd):
     assert cli.main([*words[1:-1], str(folder / "again.csv"), "--strict"]) == 1
 
 
+def test_a_model_of_another_day_leads_to_what_changed_and_one_of_these_data_to_a_refit(tmp_path, monkeypatch, capfd):
+    """Tower 2 slipped between two sessions; and a bound kept the true length of a rod out of a fit."""
+    monkeypatch.setenv("COLUMNS", "80")
+    session = CASE.parent / "second_session_one_tower"
+    for command in ("compare", "diagnose"):
+        assert cli.main([command, str(session / "second.csv"), "--model", str(session / "first.model.toml")]) == 0
+        out = capfd.readouterr().out
+        assert f"pcalib changed {session / 'second.csv'} --model" in out and "compensate" not in out
+    bounded, model = CASE.parent / "bound_excludes_truth", tmp_path / "m.toml"
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "delta.toml").write_text((bounded / "delta.toml").read_text())
+    fit = ["fit", str(bounded / "data.csv"), "--robot", "delta.toml", "--bound", "l11=-0.5,0.5mm"]
+    assert cli.main([*fit, "-o", str(model)]) == 0
+    capfd.readouterr()
+    assert cli.main(["diagnose", str(bounded / "data.csv"), "--model", str(model)]) == 0
+    out = capfd.readouterr().out
+    assert "the bound on l11 keeps the fit from more" in out
+    [line] = [line for line in out.splitlines() if line.startswith("  pcalib fit ")]
+    assert cli.main(shlex.split(line)[1:]) == 0
+    assert "at the noise" in capfd.readouterr().out
+
+
 def test_a_fit_has_a_report_of_its_own(folder, capfd):
     report = folder / "fit.html"
     fit = ["fit", str(folder / "plain.csv"), "--robot", str(folder / "robot.toml"), "--report", str(report)]
