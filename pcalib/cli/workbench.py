@@ -50,7 +50,7 @@ def command(
         if data is not None and robot is not None:
             for path, role in ((robot, "robot"), (data, "data")):
                 bench.take(path.name, path.read_bytes(), role)
-            bench.run("begin", {})
+            bench.go_on()
         where = server.address(running, bench)
         write_json(json, {"schema": "pcalib.workbench/1", "address": where, "folder": str(folder)})
         say(f"The workbench is at {where} until Ctrl-C ends it. Its files are in {folder}.")

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from pcalib import files
 from pcalib.errors import InputError, unknown
-from pcalib.workbench.session import Session, Step
+from pcalib.workbench.session import Session, Step, Wanted
 
 ACTIONS = (
     "inspect", "fit", "compare", "diagnose", "look", "try", "add", "plan", "compensate", "propose", "view", "export",
 )  # fmt: skip
+CHAINS = {"begin": ("inspect", "fit", "compare", "diagnose", "view"), "add": ("add", "compare", "diagnose", "view")}
+"""What follows by itself: new data are fitted, and every new model is looked at."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,37 @@ class Task:
     action: str
     says: str
     words: tuple[str, ...]
-    subject: str = ""
-    """The effect or law that it is about."""
+    asked: Mapping[str, str] = field(default_factory=dict)
+    """What the page sent with it."""
+    model: str = ""
+    """The model file of the step that it makes; empty where it makes none."""
+
+    @property
+    def subject(self) -> str:
+        """The effect or law that it is about."""
+        return self.asked.get("effect", "")
+
+
+def tasks(action: str, session: Session, asked: Mapping[str, str]) -> list[Task]:
+    """The command of an action and those that follow it by themselves.
+
+    Raises:
+        InputError: as for `task`.
+    """
+    return queue([Wanted(one, asked) for one in CHAINS.get(action, (action,))], session)
+
+
+def queue(wanted: Sequence[Wanted], session: Session) -> list[Task]:
+    """The commands of actions, each in the session as those before it will leave it.
+
+    Raises:
+        InputError: as for `task`.
+    """
+    out = []
+    for one in wanted:
+        out.append(task(one.action, session, one.asked))
+        session = with_step(session, out[-1], {})
+    return out
 
 
 def task(action: str, session: Session, asked: Mapping[str, str]) -> Task:
@@ -40,72 +71,90 @@ def task(action: str, session: Session, asked: Mapping[str, str]) -> Task:
         raise InputError(unknown("action", action, ACTIONS))
     if not session.data or not session.robot:
         raise InputError("a data file and a robot file are needed first")
-    data, robot, number = session.data, session.robot, len(session.steps) + 1
+    data, robot, fresh = session.data, session.robot, session.fresh()
     step, effect = session.step, asked.get("effect", "")
     if effect.startswith("-"):
         raise InputError(f"'{effect}' is no effect")
     if action == "inspect":
-        return Task(action, "Looking at the data", ("inspect", data, "--robot", robot, "--json", "inspect.json"))
+        return Task(action, "Looking at the data", ("inspect", data, "--robot", robot, "--json", "inspect.json"), asked)
     if action == "fit":
         level = asked.get("level") or "complete"
-        out = ("-o", f"model{number}.toml", "--json", f"model{number}.json", "--report", f"model{number}.html")
-        words = ("fit", data, "--robot", robot, "--level", level, *out)
-        return Task(action, f"Fitting the geometry, level {level}", words)
+        words = ("fit", data, "--robot", robot, "--level", level, *_written(fresh))
+        return Task(action, f"Fitting the geometry, level {level}", words, asked, f"{fresh}.toml")
     if step is None:
         raise InputError("a model is needed first: fit the data")
     name, model = Path(step.model).stem, ("--model", step.model)
     if action == "compare":
         out = ("--json", f"{name}.compare.json", "--report", f"{name}.compare.html")
-        return Task(action, "Comparing model and measurements", ("compare", data, *model, *out))
+        return Task(action, "Comparing model and measurements", ("compare", data, *model, *out), asked)
     if action == "diagnose":
         out = ("--json", f"{name}.diagnose.json", "--report", f"{name}.diagnose.html")
-        return Task(action, "Looking for what is missing", ("diagnose", data, *model, *out))
+        return Task(action, "Looking for what is missing", ("diagnose", data, *model, *out), asked)
     if action in ("look", "try", "add"):
         if not effect:
             raise InputError("say which effect")
         if action == "look":
             out = ("--json", f"{name}.look.json", "--report", f"{name}.look.html")
-            return Task(action, f"Weighing {effect}", ("explain", effect, data, *model, *out), effect)
-        stem = f"model{number}" if action == "add" else f"{name}.try"
-        out = ("-o", f"{stem}.toml", "--json", f"{stem}.json", "--report", f"{stem}.html")
-        said = f"Adding {effect}" if action == "add" else f"Trying {effect}"
-        return Task(action, said, ("add", effect, data, *model, *out), effect)
+            return Task(action, f"Weighing {effect}", ("explain", effect, data, *model, *out), asked)
+        if action == "try":
+            words = ("add", effect, data, *model, *_written(f"{name}.try"))
+            return Task(action, f"Trying {effect}", words, asked)
+        words = ("add", effect, data, *model, *_written(fresh))
+        return Task(action, f"Adding {effect}", words, asked, f"{fresh}.toml")
     if action == "plan":
         between = asked.get("between", "")
         words = ("next", data, *model, "--between", between, "-o", "plan.csv", "--json", "plan.json")
-        return Task(action, f"Planning what tells {between.replace(',', ' from ')}", words)
+        return Task(action, f"Planning what tells {between.replace(',', ' from ')}", words, asked)
     if action == "compensate":
         tool = asked.get("tool") or "0,0,0mm"
         out = ("--json", "commands.json", "-o", "commands.csv")
         words = ("compensate", asked.get("targets", ""), *model, "--tool", tool, *out)
-        return Task(action, "Computing commands", words)
+        return Task(action, "Computing commands", words, asked)
     if action == "propose":
         words = ("propose", data, *model, "-o", "laws", "--json", f"{name}.laws.json")
-        return Task(action, "Searching for a law", words)
+        return Task(action, "Searching for a law", words, asked)
     if action == "view":
         words = ("view", step.model, "--save", f"{name}.rrd", "--json", f"{name}.view.json")
-        return Task(action, "Drawing the robot", words)
+        return Task(action, "Drawing the robot", words, asked)
     words = ("export", step.model, "--to", asked.get("to") or "c", "-o", "controller")
-    return Task(action, "Writing code for the controller", words)
+    return Task(action, "Writing code for the controller", words, asked)
+
+
+def _written(stem: str) -> tuple[str, ...]:
+    """The options for the files of a fit."""
+    return ("-o", f"{stem}.toml", "--json", f"{stem}.json", "--report", f"{stem}.html")
 
 
 def done(session: Session, task: Task) -> Session:
     """The session after a command has ended well."""
     after = replace(session, commands=(*session.commands, task.words))
-    if task.action not in ("fit", "add"):
+    if not task.model:
         return after
-    stem = f"model{len(session.steps) + 1}"
-    written = read(session.source / f"{stem}.json")
+    written = read(session.source / f"{Path(task.model).stem}.json")
     fit = written.get("after") or written
     check = fit.get("check") or {}
     figures = {
         "rms": fit.get("rms_pos_um"), "rms_check": check.get("rms_pos_um"),
         "rms_rot": fit.get("rms_rot_urad"), "u95": (written.get("uncertainty") or {}).get("u95_um"),
     }  # fmt: skip
-    title = f"+ {task.subject}" if task.action == "add" else str(fit.get("level", "fit"))
-    kept = session.steps if task.action == "add" else ()
-    step = Step(title, f"{stem}.toml", figures, f"{stem}.html")
-    return replace(after, steps=(*kept, step), at=len(kept))
+    return with_step(after, task, figures, str(fit.get("level", "fit")))
+
+
+def with_step(session: Session, task: Task, figures: dict[str, Any], level: str = "") -> Session:
+    """The session with the step that a command makes; as it is where the command makes none.
+
+    A fit begins the history. What is added to an earlier step than the last says to which.
+    """
+    if not task.model:
+        return session
+    if task.action != "add":
+        kept, title = (), level
+    else:
+        kept, base = session.steps, task.words[task.words.index("--model") + 1]
+        number = next((i for i, step in enumerate(kept, start=1) if step.model == base), len(kept))
+        title = f"+ {task.subject}" if number == len(kept) else f"{number} + {task.subject}"
+    step = Step(title, task.model, figures, f"{Path(task.model).stem}.html")
+    return replace(session, steps=(*kept, step), at=len(kept))
 
 
 def read(path: Path) -> dict[str, Any]:

@@ -6,6 +6,7 @@ where it changes something, its Origin is this page: another page in the same br
 
 from __future__ import annotations
 
+import contextlib
 import json
 import secrets
 import socket
@@ -23,7 +24,7 @@ from pcalib import files
 from pcalib.errors import InputError, PcalibError
 from pcalib.workbench import actions, session
 from pcalib.workbench.actions import Task
-from pcalib.workbench.session import Session
+from pcalib.workbench.session import Session, Wanted
 from pcalib.workbench.worker import Worker
 
 RECORDING = "application/vnd.rerun.rrd"
@@ -47,9 +48,11 @@ class Workbench:
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = threading.Lock()
         self._session = session.load(folder)
-        self.worker = Worker(folder, self._ended)
         self.folder = folder
         self.token = secrets.token_urlsafe(24)
+        self.worker = Worker(folder, self._ended, self._record_pending)
+        with contextlib.suppress(InputError):  # what can no longer be done is left
+            self.worker.add(*actions.queue(self._session.pending, self._session))
 
     @cached_property
     def viewer(self) -> str:
@@ -67,8 +70,17 @@ class Workbench:
         self._session = changed
 
     def _ended(self, task: Task) -> None:
+        with self._lock:  # in one, so that no task is done twice, whenever the program is killed
+            self._keep(replace(actions.done(self._session, task), pending=self._pending()[1:]))
+
+    def _pending(self) -> tuple[Wanted, ...]:
+        return tuple(Wanted(task.action, task.asked) for task in self.worker.pending())
+
+    def _record_pending(self) -> None:
         with self._lock:
-            self._keep(actions.done(self._session, task))
+            pending = self._pending()
+            if pending != self._session.pending:
+                self._keep(replace(self._session, pending=pending))
 
     def state(self) -> dict[str, Any]:
         """Everything that the page shows."""
@@ -98,18 +110,22 @@ class Workbench:
         Raises:
             InputError: the session is not ready for it.
         """
-        chain = {
-            "begin": ("inspect", "fit", "compare", "diagnose", "view"), "add": ("add", "compare", "diagnose", "view")
-        }  # fmt: skip
         with self._lock:
             now = self._session
-        for one in chain.get(action, (action,)):
-            task = actions.task(one, now, asked)
-            self.worker.add(task)
-            if one in ("fit", "add"):  # what follows is about the model that will then be there
-                number = len(now.steps) + 1
-                kept = now.steps if one == "add" else ()
-                now = replace(now, steps=(*kept, session.Step(one, f"model{number}.toml", {})), at=len(kept))
+        wanted = actions.tasks(action, now, asked)
+        if any(task.model for task in wanted):
+            self._no_step_is_made()
+        pending = self.worker.pending()
+        self.worker.add(*(task for task in wanted if task not in pending))
+
+    def _no_step_is_made(self) -> None:
+        if any(task.model for task in self.worker.pending()):
+            raise InputError("a step is being made", remedy="wait until it is there, or cancel it")
+
+    def go_on(self) -> None:
+        """Begin with the data where nothing has been done with them yet."""
+        if not self._session.steps and not self.worker.pending():
+            self.run("begin", {})
 
     def look_at(self, at: int) -> None:
         """Go to a step of the history."""
@@ -120,6 +136,7 @@ class Workbench:
 
     def back(self) -> None:
         """Take the steps behind the one that is looked at out of the history; their files stay."""
+        self._no_step_is_made()
         with self._lock:
             at = self._session.at
             self._keep(replace(self._session, steps=self._session.steps[: at + 1]))
@@ -129,11 +146,16 @@ class Workbench:
         if not session.is_name(name):
             raise InputError(f"'{name[:40]}' is no name for a file here", remedy="use letters, digits, - and _")
         what = role or session.kind_of(name, content)
+        known = self._session.data if what == "data" else self._session.robot if what == "robot" else ""
+        if name == known and (self.folder / name).exists() and (self.folder / name).read_bytes() == content:
+            return what  # what was done with it stands
+        if known:
+            self.worker.cancel()
         with files.atomic(self.folder / name) as temporary:
             temporary.write_bytes(content)
         with self._lock:
             if what in ("data", "robot"):
-                self._keep(replace(self._session, **{what: name}, steps=(), at=-1))
+                self._keep(replace(self._session, **{what: name}, steps=(), commands=(), at=-1))
         return what
 
     def example(self) -> None:
@@ -204,7 +226,7 @@ class Handler(BaseHTTPRequestHandler):
             bench.example()
             bench.run("begin", {})
         elif path == "run":
-            bench.run(query.get("action", ""), query)
+            bench.run(query.get("action", ""), {name: said for name, said in query.items() if name != "action"})
         elif path == "cancel":
             bench.worker.cancel()
         elif path == "at":

@@ -8,15 +8,20 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pcalib import files, outputs
+from pcalib.errors import InputError
 
 RECORD = "session.json"
-SHAPE = {"data": str, "robot": str, "steps": list, "commands": list, "at": int}
+SHAPE = {
+    "data": str, "robot": str, "at": float, "commands": [[str]],
+    "steps": [{"title": str, "model": str, "figures": {"*": (float,)}, "report": str}],
+    "pending": [{"action": str, "asked": {"*": str}}],
+}  # fmt: skip
 LARGEST = 64 * 2**20
 """[bytes] of one file that is handed over: a million poses as text."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,99}")
@@ -37,6 +42,15 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Wanted:
+    """An action that was asked for."""
+
+    action: str
+    asked: Mapping[str, str]
+    """What the page sent with it."""
+
+
+@dataclass(frozen=True)
 class Session:
     """What stands in the record."""
 
@@ -47,6 +61,8 @@ class Session:
     """Words of each command that was run to its end, oldest first, without the program's name."""
     at: int = -1
     """Which step is looked at; −1: the last one."""
+    pending: tuple[Wanted, ...] = ()
+    """Actions that ran or waited when this was written, with what was asked: a killed session goes on with them."""
     source: Path = field(default=Path(), compare=False)
     """The folder."""
 
@@ -54,6 +70,11 @@ class Session:
     def step(self) -> Step | None:
         """The step that is looked at."""
         return self.steps[self.at] if self.steps else None
+
+    def fresh(self) -> str:
+        """Name of the next model, without ending: a number that no file of the folder has."""
+        numbers = [int(found[1]) for f in self.source.glob("model*") if (found := re.match(r"model(\d+)\.", f.name))]
+        return f"model{max(numbers, default=0) + 1}"
 
     def as_json(self) -> dict[str, Any]:
         """Its content."""
@@ -89,10 +110,15 @@ def load(folder: Path) -> Session:
     remedy = "move it away to begin anew; the models and figures in the folder stay"
     found = files.parse_json(files.read_text(record), record, remedy)
     files.require_shape(found, SHAPE, record, remedy)
-    steps = tuple(Step(**step) for step in found["steps"])
-    return Session(
-        found["data"], found["robot"], steps, tuple(tuple(map(str, c)) for c in found["commands"]), found["at"], folder
-    )
+    steps = tuple(Step(**{key: step[key] for key in SHAPE["steps"][0]}) for step in found["steps"])
+    named = [found["data"], found["robot"], *(name for step in steps for name in (step.model, step.report))]
+    for name in named:
+        if name and not is_name(name):  # it becomes a word of a command
+            raise InputError(f"'{name:.40}' is no name for a file here", file=record, remedy=remedy)
+    commands = tuple(map(tuple, found["commands"]))
+    pending = tuple(Wanted(one["action"], one["asked"]) for one in found["pending"])
+    at = min(int(found["at"]), len(steps) - 1)
+    return Session(found["data"], found["robot"], steps, commands, max(at, -1), pending, folder)
 
 
 def save(session: Session) -> None:

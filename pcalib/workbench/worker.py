@@ -15,6 +15,7 @@ from pathlib import Path
 from pcalib.errors import PcalibError
 from pcalib.workbench.actions import Task
 
+PROGRAM = (sys.executable, "-m", "pcalib.workbench.child")
 SHOWN = 20_000
 """Characters of what a command printed that are kept for the page."""
 
@@ -39,10 +40,13 @@ class Worker:
     Args:
         folder: where commands run.
         done: called after each command that ended well, before the next one begins.
+        changed: called whenever a command has been added or has ended, well or not.
     """
 
-    def __init__(self, folder: Path, done: Callable[[Task], None]) -> None:
-        self._folder, self._done = folder, done
+    def __init__(
+        self, folder: Path, done: Callable[[Task], None], changed: Callable[[], None] = lambda: None
+    ) -> None:
+        self._folder, self._done, self._changed = folder, done, changed
         self._jobs: deque[Job] = deque(maxlen=200)
         self._waiting: deque[int] = deque()
         self._process: subprocess.Popen[str] | None = None
@@ -57,17 +61,26 @@ class Worker:
             now = time.monotonic()
             return [replace(j, seconds=now - j.started) if j.state == "runs" else j for j in self._jobs]
 
-    def add(self, task: Task) -> int:
-        """Put a task at the end of the queue; its number."""
+    def pending(self) -> list[Task]:
+        """What runs and what waits."""
+        return [job.task for job in self.jobs() if job.state in ("runs", "waits")]
+
+    def add(self, *tasks: Task) -> None:
+        """Put tasks at the end of the queue."""
         with self._change:
-            number = self._jobs[-1].number + 1 if self._jobs else 1
-            self._jobs.append(Job(number, task))
-            self._waiting.append(number)
+            for task in tasks:
+                number = self._jobs[-1].number + 1 if self._jobs else 1
+                self._jobs.append(Job(number, task))
+                self._waiting.append(number)
             self._change.notify_all()
-            return number
+        self._changed()
 
     def cancel(self) -> None:
         """End the command that runs, and forget those that wait."""
+        self._end()
+        self._changed()
+
+    def _end(self) -> None:
         with self._change:
             for number in self._waiting:
                 self._put(number, state="cancelled")
@@ -79,11 +92,11 @@ class Worker:
                 self._process.terminate()
 
     def close(self) -> None:
-        """End everything."""
-        self.cancel()
+        """End everything; what is recorded of what waits stays."""
         with self._change:
             self._closed = True
             self._change.notify_all()
+        self._end()
 
     def _put(self, number: int, **changed: object) -> None:
         for i, job in enumerate(self._jobs):
@@ -98,31 +111,40 @@ class Worker:
                     return
                 number = self._waiting.popleft()
                 job = next(j for j in self._jobs if j.number == number)
-                started = time.monotonic()
-                self._put(number, state="runs", started=started)
-                process = self._process = subprocess.Popen(
-                    [sys.executable, "-m", "pcalib", *job.task.words], cwd=self._folder, stdin=subprocess.DEVNULL,
-                    stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8", errors="replace",
-                    env={**os.environ, "COLUMNS": "100", "PYTHONIOENCODING": "utf-8"},
-                )  # fmt: skip
-            said, _ = process.communicate()
-            with self._change:
-                self._process = None
-                cancelled = any(j.number == number and j.state == "cancelled" for j in self._jobs)
-                ended = {"seconds": time.monotonic() - started, "said": said[-SHOWN:]}
-                if cancelled:
-                    self._put(number, **ended)
-                    continue
-                if process.returncode != 0:
-                    self._put(number, state="failed", **ended)
-                    for waiting in self._waiting:  # they were asked for on top of what failed
-                        self._put(waiting, state="cancelled")
-                    self._waiting.clear()
-                    continue
+                self._put(number, state="runs", started=time.monotonic())
+                process = self._process = self._start(job.task)
+            assert process.stdout is not None
+            said = process.stdout.read()
+            process.wait()
+            self._ended(number, job.task, process.returncode, said[-SHOWN:])
+            if process.stdin is not None:
+                process.stdin.close()
+
+    def _start(self, task: Task) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [*PROGRAM, *task.words], cwd=self._folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True, encoding="utf-8", errors="replace",
+            env={**os.environ, "COLUMNS": "100", "PYTHONIOENCODING": "utf-8"},
+        )  # fmt: skip
+
+    def _ended(self, number: int, task: Task, code: int, said: str) -> None:
+        with self._change:
+            self._process = None
+            job = next(j for j in self._jobs if j.number == number)
+            if self._closed:
+                return
+        state = job.state
+        if state != "cancelled":
+            state = "failed" if code else "done"
+        if state == "done":
             try:
-                self._done(job.task)
-                state = "done"
+                self._done(task)
             except PcalibError as error:
-                state, ended["said"] = "failed", str(error)
-            with self._change:
-                self._put(number, state=state, **ended)
+                state, said = "failed", str(error)
+        with self._change:
+            self._put(number, state=state, seconds=time.monotonic() - job.started, said=said)
+            if state == "failed":  # those that wait were asked for on top of it
+                for waiting in self._waiting:
+                    self._put(waiting, state="cancelled")
+                self._waiting.clear()
+        self._changed()

@@ -7,28 +7,16 @@ import json
 import shutil
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from pcalib.errors import InputError
-from pcalib.workbench import actions, server, session
+from pcalib.workbench import actions, session
 from pcalib.workbench.actions import Task
 from pcalib.workbench.server import Workbench
 from pcalib.workbench.worker import Worker
-
-
-@pytest.fixture
-def running(tmp_path) -> Iterator[tuple[int, Workbench]]:
-    served, bench = server.serve(tmp_path / "session")
-    thread = threading.Thread(target=served.serve_forever, daemon=True)
-    thread.start()
-    yield served.server_address[1], bench
-    served.shutdown()
-    served.server_close()
-    bench.worker.close()
 
 
 def ask(port: int, path: str, method: str = "GET", body: bytes = b"", **headers: str) -> tuple[int, bytes, dict]:
@@ -115,7 +103,41 @@ class TestFiles:
         assert session.kind_of("poses.csv", b"q1_deg,x_mm\n") == "data"
 
 
+    @pytest.mark.parametrize("place", ["data", "robot", "model"])
+    def test_no_name_in_a_record_becomes_an_option(self, tmp_path, place):
+        """A folder may come from elsewhere: what stands in it must not choose which code runs."""
+        step = session.Step("complete", "model1.toml", {}, "model1.html")
+        now = session.Session("d.csv", "r.toml", (step,), at=0, source=tmp_path)
+        bad = "--effect-file=evil.py"
+        changed = replace(now, steps=(replace(step, model=bad),)) if place == "model" else replace(now, **{place: bad})
+        session.save(changed)
+        with pytest.raises(InputError, match="no name for a file"):
+            session.load(tmp_path)
+
+    def test_the_same_file_again_changes_nothing(self, running):
+        """As when a session is begun with data and robot that it has, to go on with it."""
+        _, bench = running
+        bench.take("robot.toml", b"[geometry]")
+        step = session.Step("complete", "model1.toml", {}, "model1.html")
+        session.save(replace(session.load(bench.folder), data="d.csv", steps=(step,), at=0))
+        again = Workbench(bench.folder)
+        again.take("robot.toml", b"[geometry]")
+        assert session.load(bench.folder).steps == (step,)
+        again.take("robot.toml", b"[geometry] # another")
+        assert session.load(bench.folder).steps == ()
+        again.worker.close()
+
+
 class TestActions:
+    def test_a_step_on_an_earlier_one_says_so_and_takes_no_name_that_is_there(self, tmp_path):
+        steps = tuple(session.Step(name, f"model{i}.toml", {}) for i, name in ((1, "complete"), (2, "+ backlash")))
+        now = session.Session("d.csv", "r.toml", steps, at=0, source=tmp_path)
+        (tmp_path / "model3.compare.json").touch()
+        task = actions.task("add", now, {"effect": "gear_ratio"})
+        assert task.model == "model4.toml"
+        after = actions.done(now, task)
+        assert [s.title for s in after.steps] == ["complete", "+ backlash", "1 + gear_ratio"] and after.at == 2
+
     def test_nothing_runs_before_there_is_data(self, running):
         port, bench = running
         status, said, _ = ask(port, f"/{bench.token}/run?action=fit", "POST")
@@ -172,35 +194,3 @@ def test_the_whole_loop_and_its_script(running, tmp_path):
     subprocess.run([sys.executable, "-c", "\n".join(kept)], cwd=fresh, check=True, capture_output=True)
     for name in ("model1.toml", "model2.toml"):
         assert (fresh / name).read_bytes() == (bench.folder / name).read_bytes()
-
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine (Debian: chromium)")
-def test_a_person_walks_through_it_in_a_browser(running):
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    port, bench = running
-    with api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
-        wrong: list[str] = []
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda m: wrong.append(m.text) if "Content Security" in m.text else None)
-        page.goto(f"http://127.0.0.1:{port}/{bench.token}/")
-        page.get_by_role("button", name="Try the example").press("Enter")  # by keyboard
-        page.wait_for_selector("#cancel:not([hidden])", timeout=30_000)
-        page.click("#cancel")
-        page.wait_for_selector("#work:empty", state="attached", timeout=30_000)
-        page.reload()
-        page.get_by_role("button", name="Fit", exact=True).click()
-        page.wait_for_selector("#advice button.main:has-text('Add thermal_rods')", timeout=120_000)
-        page.click("#advice button.main")
-        page.wait_for_selector("#history li:nth-child(2)", timeout=120_000)
-        page.wait_for_selector("#verdict:has-text('Nothing is missing')", timeout=120_000)
-        texts = page.locator("#history small").all_inner_texts()
-        assert texts[0].startswith("55.7 µm fit") and texts[2].startswith("22.3 µm fit")
-        page.set_input_files("#choose", {"name": "<b>.csv", "mimeType": "text/csv", "buffer": b"nonsense"})
-        page.wait_for_selector("#problem:not([hidden]), #files:has-text('_b_.csv')", timeout=30_000)
-        assert page.locator("b").count() == 0 and not wrong
-        browser.close()

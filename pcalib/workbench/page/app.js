@@ -16,7 +16,7 @@ function make(tag, text, more) {
 }
 
 const number = (v, digits = 1) => (v === null || v === undefined ? "–" : Number(v).toFixed(digits));
-const micro = (v) => (v === null || v === undefined ? "–" : Math.abs(v) >= 1000 ? `${(v / 1000).toPrecision(3)} mm` : `${Number(v).toPrecision(3)} µm`);
+const micro = (v) => (v === null || v === undefined ? "–" : Math.abs(v) >= 1000 ? `${(v / 1000).toPrecision(3)}\u00a0mm` : `${Number(v).toPrecision(3)}\u00a0µm`);
 
 async function ask(path, options) {
   let answer;
@@ -56,7 +56,7 @@ async function refresh() {
     }
   }
   const busy = content && content.jobs.some((j) => j.state === "runs" || j.state === "waits");
-  polling = setTimeout(refresh, busy ? 400 : 2500);
+  polling = setTimeout(refresh, busy ? 400 : 1000);
 }
 
 function draw() {
@@ -95,8 +95,8 @@ function drawHistory() {
     const button = make("button", `${i + 1} · ${step.title}`, { on: () => act(`at?step=${i}`) });
     if (i === state.at) button.setAttribute("aria-current", "step");
     const f = step.figures;
-    button.append(make("small", `${micro(f.rms)} fit · ${micro(f.rms_check)} held out`));
-    if (f.u95) button.append(make("small", `95 % of landings within ${micro(f.u95)}`));
+    button.append(make("small", `${micro(f.rms)} fit · ${micro(f.rms_check)} held\u00a0out`));
+    if (f.u95) button.append(make("small", `95\u00a0% of landings: ${micro(f.u95)}`));
     item.append(button);
     return item;
   });
@@ -105,7 +105,7 @@ function drawHistory() {
 }
 
 function drawChart() {
-  const NS = "http://www.w3.org/2000/svg", W = 220, H = 120, left = 34, bottom = 18;
+  const NS = "http://www.w3.org/2000/svg", W = 220, H = 132, left = 34, top = 20, bottom = 18;
   const draw = (tag, more, text) => {
     const out = document.createElementNS(NS, tag);
     for (const [k, v] of Object.entries(more)) out.setAttribute(k, v);
@@ -116,10 +116,10 @@ function drawChart() {
   const svg = draw("svg", { viewBox: `0 0 ${W} ${H}` });
   const most = Math.max(1, ...steps.flatMap((f) => [f.rms, f.rms_check || 0, f.u95 || 0]));
   const x = (i) => left + 8 + (steps.length > 1 ? (i * (W - left - 20)) / (steps.length - 1) : 0);
-  const y = (v) => 8 + (1 - v / most) * (H - bottom - 8);
+  const y = (v) => top + (1 - v / most) * (H - bottom - top);
   for (const v of [0, most / 2, most]) {
     svg.append(draw("line", { x1: left, x2: W, y1: y(v), y2: y(v), stroke: "currentColor", "stroke-opacity": 0.2 }));
-    svg.append(draw("text", { x: left - 4, y: y(v) + 3, "text-anchor": "end" }, Number(v).toPrecision(2)));
+    svg.append(draw("text", { x: left - 4, y: y(v) + 3, "text-anchor": "end" }, v ? Number(v).toPrecision(2) : "0"));
   }
   const series = [["rms", "fit", "#4a90d9"], ["rms_check", "held out", "#e07b2f"], ["u95", "95 % land", "#8a8f98"]];
   series.forEach(([key, name, colour], n) => {
@@ -128,7 +128,7 @@ function drawChart() {
     points.forEach(([i, v]) => svg.append(draw("circle", { cx: x(i), cy: y(v), r: 3, fill: colour })));
     svg.append(draw("text", { x: left + n * 58, y: H - 4, class: key }, name));
   });
-  svg.append(draw("text", { x: 0, y: 12 }, "µm"));
+  svg.append(draw("text", { x: left - 4, y: 9, "text-anchor": "end" }, "µm"));
   $("chart").setAttribute("aria-label", `Error by step in µm: ${steps.map((f) => `${micro(f.rms)} fit, ${micro(f.rms_check)} held out`).join("; ")}`);
   $("chart").replaceChildren(svg);
 }
@@ -174,8 +174,8 @@ function drawVerdict() {
 
 function drawMap() {
   const cells = (state.written.diagnose || state.written.compare || {}).heatmap || [];
-  const channels = [...new Set(cells.map((c) => c.channel))];
   const variables = [...new Set(cells.map((c) => c.variable))].slice(0, 9); // the hottest come first
+  const channels = [...new Set(cells.filter((c) => variables.includes(c.variable)).map((c) => c.channel))];
   const called = { actuator: "motors", body: "plate", parallelogram: "pairs", rod: "rods", tool: "tool" };
   const table = make("table");
   const head = make("tr");

@@ -1,0 +1,32 @@
+"""Stands in for `pcalib` in tests of the page: writes at once what a command would, unless 'hold' is there."""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+DATA = {"rms_pos_um": 55.7, "rms_rot_urad": 101.0, "level": "complete", "check": {"rms_pos_um": 58.1}}
+FOUND = {
+    "verdict": "established", "sentence": "What is missing: <b>rods</b> grow.",
+    "next": [{"do": "add", "effect": "thermal_rods"}],
+    "candidates": [{"spec": "thermal_rods", "s": 38.4, "p": 1e-4, "adequate": True, "note": None}],
+    "heatmap": [{"channel": "actuator", "variable": "temp_rods", "p": 1e-4, "s": 38.5, "s_left": 3.1}],
+}  # fmt: skip
+WRITTEN = {
+    "inspect": {"rows": 100, "fit": 80, "check": 20},
+    "fit": DATA,
+    "add": {"effect": "thermal_rods", "before": DATA, "after": DATA | {"rms_pos_um": 22.3}},
+    "compare": {"heatmap": FOUND["heatmap"]},
+    "diagnose": FOUND,
+}
+
+words = sys.argv[1:]
+while Path("hold").exists():
+    time.sleep(0.01)
+for option, content in (
+    ("--json", json.dumps(WRITTEN.get(words[0], {}))), ("-o", "made = true\n"),
+    ("--report", f"<title>{words[0]}</title><p>{words[0]} of this step"), ("--save", "RRF2"),
+):  # fmt: skip
+    if option in words:
+        Path(words[words.index(option) + 1]).write_text(content)
+print(" ".join(words))
