@@ -1,5 +1,6 @@
 """Robot files: what the default says, and a clear message for every way to get one wrong."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -134,3 +135,23 @@ def test_a_workspace_that_is_left_out_is_found_from_the_joints(name):
     a, b = stated.workspace, found.workspace
     assert 0.3 * a.radius < b.radius < 3 * a.radius and max(a.z_min, b.z_min) < min(a.z_max, b.z_max)
     assert len(workspace.reachable(found, 20, np.random.default_rng(1)).q) == 20
+
+
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?=[\s,\]]|$)")
+NONSENSE = [
+    (path.stem, number, value)
+    for path in sorted(MODELS.glob("*.toml"))
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines())
+    for value in ("3.5e27", "-1e29")
+    if re.match(r"\w+_(mm|deg|kg|m_s2) = ", line)
+]
+
+
+@pytest.mark.parametrize("name, number, value", NONSENSE)
+def test_no_kind_takes_nonsense(name, number, value):
+    """Arms of 3.5e27 mm, azimuths of 1e29° and masses below zero: every number of every robot file has a range."""
+    lines = (MODELS / f"{name}.toml").read_text(encoding="utf-8").splitlines()
+    key, _, numbers = lines[number].partition(" = ")
+    lines[number] = f"{key} = {NUMBER.sub(value, numbers.partition('#')[0])}"
+    with pytest.raises(InputError, match=key.rpartition("_")[0].removesuffix("_m")):
+        robot.parse("\n".join(lines))

@@ -42,7 +42,7 @@ def project(tmp_path) -> Path:
 def run(project: Path, script: str = "setup", **environment: str) -> subprocess.CompletedProcess:
     path = {"PATH": str(project / "bin"), "HOME": os.environ.get("HOME", "/")}
     return subprocess.run(
-        [project / "scripts" / script], env=path | environment, capture_output=True, text=True, check=False, timeout=60
+        [project / "scripts" / script], env=path | environment, capture_output=True, text=True, check=False, timeout=300
     )
 
 

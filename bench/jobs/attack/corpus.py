@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.jobs.attack import instruments
 from bench.kinds import MODELS
 from pcalib import cli as pcalib
 from pcalib import modelfile, planning, rotation
@@ -69,6 +70,37 @@ COMMANDS = {
     "baseline": "pcbench regress spec.toml --baseline {} --json new.json",
     "steps": "pcalib import carriage-steps {} -o new.csv --robot-output new.toml --json new.json",
     "capture": "pcalib import motion-capture {} -o new.csv --robot-output new.toml --json new.json",
+    "sensed": """
+        pcalib inspect {} --robot robot.toml --json new.json
+        pcalib fit {} --robot robot.toml -o new.toml --json new.json
+        pcalib compare {} --model setup.toml --json new.json
+        pcalib diagnose {} --model setup.toml --json new.json
+        pcalib join sensed.csv {} -o new.csv
+    """,
+    "gauge": """
+        pcalib inspect {} --robot robot.toml --json new.json
+        pcalib compare {} --model m.toml --json new.json
+    """,
+    "axes": """
+        pcalib inspect {} --robot robot.toml --json new.json
+        pcalib compare {} --model m.toml --json new.json
+    """,
+    "setup": """
+        pcalib compare sensed.csv --model {} --json new.json
+        pcalib diagnose sensed.csv --model {} --json new.json
+        pcalib compensate targets.csv --model {} -o new.csv
+        pcalib log {} --json new.json
+    """,
+    "points": "pcalib import point-list {} --robot robot.toml --commands commands.csv -o new.csv --json new.json",
+    "matrices": "pcalib import matrices {} --robot robot.toml --commands commands.csv --pair order -o new.csv",
+    "motive": "pcalib import motive {} --robot robot.toml --commands commands.csv --pair time -o new.csv",
+    "vicon": "pcalib import vicon {} --robot robot.toml --commands commands.csv -o new.csv",
+    "commands": """
+        pcalib import point-list points.txt --robot robot.toml --commands {} -o new.csv --json new.json
+        pcalib import motive motive.csv --robot robot.toml --commands {} --pair time -o new.csv
+    """,
+    "heights": "pcalib import bed-heights {} -o new.csv --robot-output new.toml --json new.json",
+    "probed": "pcalib import bed-heights {} -o new.csv --robot-output new.toml",
     "effect": """
         pcalib fit data.csv --robot robot.toml --effect {}:Mine -o new.toml
         pcalib diagnose data.csv --model m.toml --effect {}:Mine --json new.json
@@ -138,8 +170,10 @@ def make(folder: Path) -> None:
     (folder / "base.json").write_text("{}")
     (folder / "steps.csv").write_text("35249,35451,35413\n35301,35400,35388\n35190,35512,35420\n" * 4)
     (folder / "blind" / "sealed").mkdir(parents=True)
+    instruments.make(folder, delta)
     linear = robots.load(MODELS / "linear_delta.toml")
     modelfile.save(folder / "printer.toml", Model.nominal(linear))
     with contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()):
         pcalib.main("fit data.csv --robot robot.toml -o m.toml".split())
+        pcalib.main("fit sensed.csv --robot robot.toml -o setup.toml".split())
         pcalib.main("add drive_compliance data.csv --model m.toml -o soft.toml".split())

@@ -10,7 +10,10 @@ TOKENS = (
     "_mm", "_deg", "_furlong", "x_mm", "q1_rad", "q4_deg", "dir2", "set", "check", "qw", "rx_deg", "temp_arms_degC",
     "pose_id", "[", "]", "[[", "{", "}", "[geometry]", "[drive]\nripple_per_turn = ", 'kind = "planar"',
     'kind = "hexapod"', "true", "1979-05-27", "name.x", "a." * 100 + "a = 1", "[" * 3000, "x" * 3000, '"""', "\\", "\t",
-    ";", "é", "🤖", "null", "NaN", "-Infinity", "{}", "[]", ":",
+    ";", "é", "distance_mm", "station", "from", "tilt_x_mrad", "tilt_y_mrad", "probe_mm", "surface", "sigma_z_mm",
+    "# sigma_x_mm = 0", "# sigma_distance_um = 1e29", "# distance_offset = unknown", "# surface_A = sphere",
+    "# station_A_mm = 1 2", "station.A", "rad", "Millimeters", "Rigid Body", "1e-9",
+    "🤖", "null", "NaN", "-Infinity", "{}", "[]", ":",
 )  # fmt: skip
 """Pieces that have broken some reader before."""
 OPTION_VALUES = (

@@ -44,6 +44,9 @@ FILES = {
     "data": "data.csv", "robot": "robot.toml", "model": "m.toml", "targets": "targets.csv", "truth": "truth.toml",
     "plan": "plan.csv", "spec": "spec.toml", "baseline": "base.json", "steps": "steps.csv", "capture": "capture.csv",
     "sealed": "blind/sealed/001.json", "diagnosis": "blind/001.diagnosis.json", "parquet": "data.parquet",
+    "sensed": "sensed.csv", "gauge": "gauge.csv", "axes": "axes.csv", "setup": "setup.toml", "commands": "commands.csv",
+    "points": "points.txt", "matrices": "matrices.txt", "motive": "motive.csv", "vicon": "vicon.csv",
+    "heights": "heights.csv", "probed": "probed.txt",
 }  # fmt: skip
 """The good file of each role."""
 
@@ -85,10 +88,12 @@ def readers() -> dict[str, Callable[[Path], Any]]:
     from bench import truth
     from bench.jobs import score
     from bench.jobs.campaign import regress, spec
-    from pcalib import importers, modelfile
+    from pcalib import importers, modelfile, recordings
     from pcalib import robot as robots
     from pcalib.data import measurement, targets
+    from pcalib.data.measurement import Measurements
     from pcalib.inspection import inspect
+    from pcalib.recordings import dwells, pairing
 
     delta = robots.load(corpus.DELTA)
     campaign = spec.load(Path("spec.toml"))
@@ -98,12 +103,31 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         loaded = measurement.load(path, delta)
         for values in (loaded.q, loaded.tool, loaded.payload, loaded.sigma, *loaded.columns.values()):
             assert np.isfinite(values).all()
-        assert (loaded.sigma > 0).all() and (np.isfinite(loaded.position) == loaded.mask[:, :3]).all()
+        posed = np.ones(len(loaded), bool) if loaded.readings is None else loaded.readings.sensor == ""
+        assert (loaded.sigma > 0).all() and (np.isfinite(loaded.position) == loaded.mask[:, :3])[posed].all()
         inspect(loaded, delta).to_json()
         measurement.save("again.csv", loaded)
         again = measurement.load("again.csv", delta)
+        assert again.mask.sum() == loaded.mask.sum()
+        if loaded.readings is not None and loaded.readings.origin is not None:
+            return  # a pose whose distance to another is read has more rows, which are put in another order
         assert np.allclose(again.q, loaded.q, rtol=1e-13, atol=1e-15)
         assert np.allclose(again.position, loaded.position, rtol=1e-13, atol=1e-15, equal_nan=True)
+
+    def commands(path: Path) -> Measurements:
+        return measurement.load(path, delta, measured=False)
+
+    asked = commands(Path("commands.csv"))
+
+    def recording(form: str, by: str) -> Callable[[Path], None]:
+        """A reader, the stops of what it reads, and its pairing with the commands."""
+
+        def read(path: Path) -> None:
+            found = recordings.FORMS.get(form).read(path)
+            paired, _ = pairing.measured(dwells.dwells(found), asked, delta, by, (None, None))
+            measurement.save("again.csv", paired)
+
+        return read
 
     return {
         "data": data,
@@ -119,6 +143,17 @@ def readers() -> dict[str, Callable[[Path], Any]]:
         "capture": lambda path: importers.run("motion-capture", path, ()),
         "sealed": lambda path: score.score(path.parents[1]),
         "diagnosis": lambda path: score.score(path.parent),
+        "sensed": data,
+        "gauge": data,
+        "axes": data,
+        "setup": modelfile.load,
+        "commands": commands,
+        "points": recording("point-list", "name"),
+        "matrices": recording("matrices", "order"),
+        "motive": recording("motive", "time"),
+        "vicon": recording("vicon", "order"),
+        "heights": lambda path: importers.run("bed-heights", path, ()),
+        "probed": lambda path: importers.run("bed-heights", path, ()),
     }
 
 
@@ -134,10 +169,10 @@ def prepare(folder: Path) -> None:
                                     "--no-speed"])  # fmt: skip
         assert made == frame.OK
         measurement.save("data.parquet", measurement.load("data.csv", robots.load("robot.toml")))
-        Path("capture.csv").write_text(
-            ",".join([f"leg_length_{i}" for i in range(1, 7)] + [f"position_{c}" for c in "xyz"]
-                     + [f"orientation_{c}" for c in "xyzw"]) + "\n" + "1,2,3,4,5,6,0,0,100,0,0,0,1\n" * 4
-        )  # fmt: skip
+        legs, place = [f"leg_length_{i}" for i in range(1, 7)], [f"position_{c}" for c in "xyz"]
+        heading = ",".join([*legs, *place, *(f"orientation_{c}" for c in "xyzw")]) + "\n"
+        rows = "".join(f"1,2,3,4,5,{i},{i},{i % 3},100,0,0,0,1\n" for i in range(8))
+        Path("capture.csv").write_text(heading + rows)
         Path("blind/sealed/001.json").write_text(
             '{"schema": "pcbench.sealed/1", "data": "001.csv", "design": "rich", "effects": ["backlash"], '
             '"faults": [{"fault": "backlash"}], "s": 8.0, "s_outside": 0.0}'

@@ -22,6 +22,8 @@ from pcalib.errors import InputError
 
 distributed = pytest.importorskip("distributed")
 ROOT = Path(__file__).parents[3]
+WAIT = 300
+"""[s] after which a program hangs; a busy machine may take a hundred times as long as an idle one."""
 
 
 @dataclass
@@ -44,7 +46,7 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
     address_file = folder / "address.json"
     started = [start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(address_file))]
     try:
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + WAIT
         while not address_file.exists():
             assert started[0].poll() is None and time.monotonic() < deadline
             time.sleep(0.05)
@@ -52,8 +54,8 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
         workers = [start("worker", *more, "--local-directory", str(folder / str(i))) for i in range(2)]
         started += workers
         address = json.loads(address_file.read_text())["address"]
-        with distributed.Client(address, timeout=30, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=30)
+        with distributed.Client(address, timeout=WAIT, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=WAIT)
         yield Cluster(address, workers)
     finally:
         for process in reversed(started):
