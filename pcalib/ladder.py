@@ -64,6 +64,18 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
+class Expected:
+    """How far off landings may be at P targets, as the models of S steps state it; NaN where one states nothing."""
+
+    covariance: np.ndarray
+    """(S, P, 3, 3) [m²] of the miss, base frame."""
+    u95: np.ndarray
+    """(S, P) [m] radius that contains the miss with 95 %."""
+    pooled: np.ndarray
+    """(S,) [m] the same of all targets taken together."""
+
+
+@dataclass(frozen=True, eq=False)
 class ErrorMap:
     """Where the TCP with one tool missed its targets, for S steps and P targets."""
 
@@ -75,9 +87,13 @@ class ErrorMap:
     """(S, P, 3) [m] reached minus wanted, base frame; NaN where the status is not 'ok'."""
     status: np.ndarray
     """(S, P) 'ok' or why the target was not reached."""
+    expected: Expected | None = None
+    """How far off each step's model says that the TCP may be; None where no model states it."""
 
     def __post_init__(self) -> None:
         S, P = self.status.shape
+        if self.expected is not None and self.expected.u95.shape != (S, P):
+            raise ValueError(f"u95 {self.expected.u95.shape} does not agree with status {(S, P)}")
         shapes = self.targets.shape, self.errors.shape, self.tool.shape
         if shapes != ((P, 3), (S, P, 3), (3,)):
             raise ValueError(f"targets, errors, tool {shapes} do not agree with status {(S, P)}")

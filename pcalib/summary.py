@@ -15,6 +15,15 @@ def _micro(value: float) -> float | None:
     return float(value * 1e6) if np.isfinite(value) else None
 
 
+def identified(fit: Fit) -> str:
+    """How much of the level the data tell, in words."""
+    count, combinations = fit.unknowns.n_geometry, "combination" + "s" * (fit.n_identified != 1)
+    said = f"The {count} parameters of level {fit.candidate.level} show in {fit.n_identified} {combinations}"
+    if fit.n_identified >= fit.expected:
+        return f"{said}, which is all that such readings tell."
+    return f"{said}; at poses that are spread better, such readings would tell {fit.expected}."
+
+
 def accuracy_json(a: Accuracy) -> dict[str, Any]:
     """The figures of a fit on some rows."""
     return {

@@ -27,6 +27,7 @@ from pcalib.fitting.identification import Fit
 from pcalib.ladder import ErrorMap, Ladder, Step
 from pcalib.model import Model
 from pcalib.robot import Robot
+from pcalib.uncertainty.maps import with_expected
 from pcalib.workspace import reachable
 
 DEGREE = np.pi / 180
@@ -108,9 +109,8 @@ def run(robot: Robot, settings: Settings, advance: Callable[[], None] = lambda: 
             advance()
         errors, status = (np.stack(part) for part in zip(*fields, strict=True))
         maps.append(ErrorMap(tool, plate + tool, errors, status))
-    return Demo(
-        settings, truth, data, Ladder(robot, steps, tuple(maps), "landed by MuJoCo", settings.noise_pos, truth.values)
-    )
+    landed = Ladder(robot, steps, tuple(maps), "landed by MuJoCo", settings.noise_pos, truth.values)
+    return Demo(settings, truth, data, with_expected(landed))
 
 
 def stages(settings: Settings) -> int:

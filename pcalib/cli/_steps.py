@@ -50,8 +50,10 @@ def finish(
     modelfile.save(output, replace(fitted, history=(*model.history, entry)), figures)
     if report is not None and measured is not None:
         from pcalib.report import calibration
+        from pcalib.uncertainty import maps
 
-        calibration.write_fit(report, step.after, measured, [telling.step_sentence(step), expected])
+        over = maps.of_model(fitted, effect_files)
+        calibration.write_fit(report, step.after, measured, [telling.step_sentence(step), expected], expected=over)
     say(telling.step_sentence(step))
     print()
     show_table(telling.BEFORE_AFTER, telling.before_after(step.before, step.after))

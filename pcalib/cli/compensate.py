@@ -56,6 +56,9 @@ def command(
     from pcalib.data.targets import load_targets, save_commands
     from pcalib.errors import InputError
     from pcalib.prediction import Conditions
+    from pcalib.uncertainty import propagation
+    from pcalib.uncertainty.outlook import MORE
+    from pcalib.wording import size
 
     calibrated = modelfile.load(model, effect_file)
     if tool is not None:
@@ -93,10 +96,18 @@ def command(
     elif ok:
         _say_expected(expected, ok)
         worst = float(np.nanmax(expected.u95))
+        beside = propagation.taught(calibrated, expected, found.q, conditions)
+        if beside is not None and beside < worst / MORE:
+            say(
+                f"- Once the cell's frame is taught with the robot, 95 % stay within {size(beside)}: the readings "
+                "of the fit do not say where the base stands."
+            )
+            worst = beside
         least = int(np.ceil(2e6 * worst / 10) * 10)  # twice what is expected leaves room for a guard band
         why = "with new measurements at such commands, to accept the robot within what you need"
         say_next("accept", "measured.csv", "--model", model, "--within", f"{least}um", why=why)
-        content["uncertainty"] = _json(expected, calibrated) if json is not None else None
+        if json is not None:
+            content["uncertainty"] = _json(expected, calibrated, beside)
     write_json(json, content)
     return NOT_HELD if strict and ok < len(wanted) else None
 
@@ -143,7 +154,7 @@ def _say_expected(expected: Expected, ok: int) -> None:
         )
 
 
-def _json(expected: Expected, model: Model) -> dict[str, Any]:
+def _json(expected: Expected, model: Model, beside: float | None) -> dict[str, Any]:
     """`pcalib.uncertainty/1` of the rows that have a command."""
     from pcalib.uncertainty import radius
     from pcalib.uncertainty.outlook import coverage_json
@@ -153,6 +164,7 @@ def _json(expected: Expected, model: Model) -> dict[str, Any]:
     return {
         "schema": "pcalib.uncertainty/1",
         "u95_um": radius.pooled(expected.covariance[known]) * 1e6,
+        "u95_taught_um": None if beside is None else beside * 1e6,
         "components_um": parts,
         "conditions": {"extrapolates": {str(name): int(rows[known].sum()) for name, rows in expected.beyond.items()}},
         "coverage": coverage_json(model),

@@ -118,9 +118,10 @@ def command(
         modelfile.save(output, replace(calibrated, history=(entry,)), figures)
     if report is not None:
         from pcalib.report import calibration
+        from pcalib.uncertainty import maps
 
-        first = [far_off] if said else []
-        calibration.write_fit(report, found, measured, [*first, expected, *(doubt.sentence() for doubt in doubts)])
+        first = [*([far_off] if said else []), expected, *(doubt.sentence() for doubt in doubts)]
+        calibration.write_fit(report, found, measured, first, expected=maps.of_model(calibrated))
     if said:
         say(far_off)
     show(found)
@@ -206,15 +207,6 @@ def _bound(text: str, robot: Robot, level: str) -> tuple[str, tuple[float, float
     return name, (float(low_high[0]), float(low_high[1]))
 
 
-def _identified(found: Fit) -> str:
-    """How much of the level the data tell, in words."""
-    count, combinations = found.unknowns.n_geometry, "combination" + "s" * (found.n_identified != 1)
-    said = f"The {count} parameters of level {found.candidate.level} show in {found.n_identified} {combinations}"
-    if found.n_identified >= found.expected:
-        return f"{said}, which is all that such readings tell."
-    return f"{said}; at poses that are spread better, such readings would tell {found.expected}."
-
-
 def show(found: Fit) -> None:
     """Print a fit: the outcome in a sentence, its figures, what moved most, and what to know."""
     from pcalib import rotation, summary
@@ -230,7 +222,7 @@ def show(found: Fit) -> None:
             if a is not None
         ],
     )
-    say(_identified(found))
+    say(summary.identified(found))
     frame = found.candidate.frame
     if frame is not None and frame.turn is not None:
         turn = ", ".join(f"{v:.4g}" for v in np.degrees(rotation.log(frame.turn)))

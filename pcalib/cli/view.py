@@ -48,6 +48,7 @@ def command(
     from pcalib import files, ladder, modelfile, view
     from pcalib.cli import frame
     from pcalib.errors import InputError
+    from pcalib.uncertainty.maps import with_expected
     from pcalib.view import viewer
     from pcalib.view.model import predicted
 
@@ -69,7 +70,7 @@ def command(
     load = 0.0 if payload is None else float(payload[0])
     if load < 0:
         raise InputError("--payload: a payload cannot be negative", remedy="write e.g. 2kg")
-    what = predicted(model, tools, load, effect_file)
+    what = with_expected(predicted(model, tools, load, effect_file), load, effect_file)
     content = {"schema": "pcalib.view/1", "run": run, "recording": save, "source": what.source, "payload_kg": load}
     frame.write_json(json, content | ladder.as_json(what))
     if save is not None:

@@ -11,6 +11,7 @@ from pcalib import prediction, summary
 from pcalib.data.measurement import Measurements
 from pcalib.fitting.linearisation import conditions_of, residuals, seen_from
 from pcalib.fitting.result import Fit
+from pcalib.ladder import Ladder
 from pcalib.model import Model
 from pcalib.report import page, sections
 from pcalib.report import residuals as figures
@@ -79,16 +80,24 @@ def fit_sections(fit: Fit, data: Measurements) -> list[Section]:
 
 
 def write_fit(
-    path: str | Path, fit: Fit, data: Measurements, said: Sequence[str] = (), following: Sequence[str] = ()
+    path: str | Path,
+    fit: Fit,
+    data: Measurements,
+    said: Sequence[str] = (),
+    following: Sequence[str] = (),
+    expected: Ladder | None = None,
 ) -> None:
     """The report of a fit, one self-contained HTML file.
 
     Args:
+        expected: the fitted model with what it expects over the workspace.
         said: sentences that stand first, such as how far from the drawing the data are.
         following: what to do next.
     """
     model = fit.candidate
     parts = fit_sections(fit, data)
+    if expected is not None:
+        parts += sections.expected_maps(expected)
     looked = [*said, *(str(w) for w in fit.warnings)]
     if looked:
         parts.insert(0, Section("To be looked at", [Bullets(looked, "warning")]))

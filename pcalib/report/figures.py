@@ -98,37 +98,53 @@ def _micrometres(axis: Any, scale: LogScale) -> None:
 
 
 def maps(what: Ladder, tool: int, steps: Sequence[int], planes: int = 4) -> str:
-    """The size of the error over horizontal slices of the workspace, a row per step, one colour scale for all.
+    """The size of the error over horizontal slices of the workspace, a row per step, one colour scale for all; below
+    them how far off the model of the last step says that the TCP may be, where it says so.
 
     Args:
         tool: index of the map; steps: which steps to show; planes: how many heights at most.
     """
+    field = what.maps[tool]
+    rows = [(what.steps[s].label, field.distance[s]) for s in steps]
+    if field.expected is not None and np.isfinite(field.expected.u95[steps[-1]]).any():
+        rows.append(("95 % within", field.expected.u95[steps[-1]]))
+    seen = np.concatenate([values for _, values in rows])
+    scale = LogScale.of(np.concatenate([what.rms.ravel(), seen[np.isfinite(seen)].max(initial=0.0)[None]]))
+    return slices(rows, field.targets, what.robot.workspace.radius, scale, planes)
+
+
+def slices(
+    rows: Sequence[tuple[str, np.ndarray]], targets: np.ndarray, radius: float, scale: LogScale, planes: int = 4
+) -> str:
+    """Lengths over horizontal slices of the workspace, one row of slices for each field.
+
+    Args:
+        rows: name and values (P,) [m] of each field.
+        targets: (P, 3) [m]; radius: [m] of the working cylinder; planes: how many heights at most.
+    """
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
     from matplotlib.ticker import NullLocator
 
-    field = what.maps[tool]
-    heights = np.unique(np.round(field.targets[:, 2], 6))
+    heights = np.unique(np.round(targets[:, 2], 6))
     heights = heights[np.unique(np.linspace(0, len(heights) - 1, min(planes, len(heights))).astype(int))][::-1]
-    shown = np.concatenate([field.distance[s] for s in steps])
-    scale = LogScale.of(np.concatenate([what.rms.ravel(), shown[np.isfinite(shown)].max(initial=0.0)[None]]))
     colours = LinearSegmentedColormap.from_list("error", ANCHORS)
     norm = LogNorm(scale.low * 1e6, scale.high * 1e6)
-    radius = what.robot.workspace.radius * 1e3
-    with drawing(8.6, 0.55 + 2.1 * len(steps)) as (figure, out):
-        grid = np.atleast_2d(figure.subplots(len(steps), len(heights), squeeze=False))
-        for r, s in enumerate(steps):
+    radius *= 1e3
+    with drawing(8.6, 0.55 + 2.1 * len(rows)) as (figure, out):
+        grid = np.atleast_2d(figure.subplots(len(rows), len(heights), squeeze=False))
+        for r, (label, values) in enumerate(rows):
             for c, height in enumerate(heights):
                 axes = grid[r, c]
-                here = np.abs(field.targets[:, 2] - height) < 1e-5
-                _slice(axes, field.targets[here, :2] * 1e3, field.distance[s, here] * 1e6, colours, norm)
+                here = np.abs(targets[:, 2] - height) < 1e-5
+                _slice(axes, targets[here, :2] * 1e3, values[here] * 1e6, colours, norm)
                 axes.add_patch(_circle(radius))
                 axes.set(xlim=(-1.06 * radius, 1.06 * radius), ylim=(-1.06 * radius, 1.06 * radius), aspect="equal")
                 axes.set_axis_off()
                 if r == 0:
                     axes.set_title(f"z = {height * 1e3:.0f} mm".replace("-", "−"), fontsize=9, color=QUIET)
                 if c == 0:
-                    label = short(what.steps[s].label, 28)
-                    axes.text(-0.06, 0.5, label, rotation=90, va="center", ha="right", transform=axes.transAxes)
+                    said = short(label, 28)
+                    axes.text(-0.06, 0.5, said, rotation=90, va="center", ha="right", transform=axes.transAxes)
         from matplotlib.cm import ScalarMappable
 
         bar = figure.colorbar(ScalarMappable(norm, colours), ax=grid, shrink=0.7, aspect=18, pad=0.015)

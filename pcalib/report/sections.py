@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pcalib import ladder as ladders
-from pcalib import wording
+from pcalib import summary, wording
 from pcalib.fitting.identifiability import priors
 from pcalib.fitting.identification import Fit
 from pcalib.ladder import Ladder
+from pcalib.palette import LogScale
 from pcalib.report import figures
 from pcalib.report.page import Block, Bullets, Figure, Section, Table, Text
 from pcalib.wording import number, size
@@ -40,18 +41,39 @@ def ladder(what: Ladder) -> Section:
     return Section("How the error falls", blocks)
 
 
+def expected_maps(what: Ladder) -> list[Section]:
+    """How far off landings may be over the workspace with each tool, as the last model says; nothing where it does not.
+    """
+    rows = [(m.label, m.expected.u95[-1], m.targets - m.tool) for m in what.maps if m.expected is not None]
+    if not rows:
+        return []
+    drawn = figures.slices(
+        [(label, values) for label, values, _ in rows], rows[0][2], what.robot.workspace.radius,
+        LogScale.of(np.concatenate([values for _, values, _ in rows])),
+    )  # fmt: skip
+    text = (
+        "Radius about each target that holds 95 % of landings. Horizontal slices of the workspace seen from above; "
+        "z of the plate in the base frame; one colour scale for all slices."
+    )
+    figure = Figure(drawn, text, "Coloured maps of the expected miss over slices of the workspace, one row per tool.")
+    return [Section("How far off a landing may be", [figure])]
+
+
 def error_maps(what: Ladder, steps: Sequence[int] | None = None) -> Section:
     """The error over the workspace before and after calibration, with the tool that had the largest error."""
     if steps is None:
         steps = sorted({0, len(what.steps) - 1})
     field = what.maps[what.worst_tool]
+    said = ""
+    if field.expected is not None:
+        said = " The lowest row is what the calibrated model expects: the radius that holds 95 % of landings."
     return Section(
         f"Where the error is, {field.label}",
         [
             Figure(
                 figures.maps(what, what.worst_tool, steps),
                 "Horizontal slices of the workspace seen from above; z of the TCP in the base frame. Dots are the "
-                "targets, the circle is the working cylinder; one colour scale for all slices.",
+                f"targets, the circle is the working cylinder; one colour scale for all slices.{said}",
                 "Coloured maps of the error size over slices of the workspace, before and after calibration.",
             )
         ],
@@ -83,10 +105,7 @@ def parameters(fit: Fit, truth: np.ndarray | None = None) -> Section:
         if row[-1].startswith("off"):
             marked.append(i)
     blocks: list[Block] = [
-        Text(
-            f"The data tell {fit.n_identified} directions of {len(fit.unknowns.names)} unknowns "
-            f"(well-spread poses on a robot without errors tell {fit.expected})."
-        ),
+        Text(summary.identified(fit)),
         Table(
             header, rows, "<" + ">" * (len(header) - 2) + "<", marked=marked, folded=f"All {len(rows)} parameters",
             note="“by tolerance”: the data hardly tell this parameter alone, and the manufacturing tolerance decides; "

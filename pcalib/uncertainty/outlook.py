@@ -13,10 +13,12 @@ from pcalib.errors import PcalibError
 from pcalib.ladder import tool_label
 from pcalib.model import Conditions, Model
 from pcalib.uncertainty import radius
-from pcalib.uncertainty.propagation import COMPONENTS, Expected, beside_a_frame, expect, require_known
+from pcalib.uncertainty.propagation import COMPONENTS, Expected, expect, require_known, taught
 from pcalib.unexplained import DIRECTION, TEMPERATURE, Unexplained
 from pcalib.wording import figure, size
 
+MORE = 1.5
+"""Times the radius beside a taught frame from which on the one without it is another figure."""
 REFERENCE = 20.0
 """[°C] of a robot whose temperatures were not recorded."""
 
@@ -63,13 +65,10 @@ def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model
     chosen = farthest if tool is None else np.asarray(tool, float)
     n = len(plate)
     conditions = Conditions(
-        np.broadcast_to(chosen, plate.shape), np.full(n, kept.measured.payload[1]), _columns(model, kept, n)
+        np.broadcast_to(chosen, plate.shape), np.full(n, kept.measured.payload[1]), usual_columns(model, n)
     )
     wanted = plate + chosen
-    # A robot that commands orientation is asked for a level plate, as the grid has it.
-    turned = np.broadcast_to(np.eye(3), (n, 3, 3)) if {3, 4, 5} & set(model.robot.mechanism.task) else None
-    made = compensation.compensate(model, wanted, rotation_matrix=turned, conditions=conditions, limits=False)
-    expected = expect(model, made.q, conditions, rivals=rivals)
+    q, expected = at_targets(model, wanted, conditions, rivals)
     good = np.asarray(np.isfinite(expected.covariance).all(axis=(1, 2)))
     if not good.any():
         raise PcalibError("no target of the workspace can be reached by this model\n  check [workspace] and [joints]")
@@ -78,15 +77,26 @@ def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model
         {name: v[good] for name, v in expected.beyond.items()},
     )  # fmt: skip
     parts = {name: radius.pooled(values) for name, values in expected.components.items()}
-    some, taught = conditions.take(good), None
-    if model.setup and model.frame is None:
-        rest = expected.components["rivals"] + expected.components["unexplained"]
-        taught = radius.pooled(beside_a_frame(model, made.q[good], some) + rest)
-    return Outlook(wanted[good], expected, radius.pooled(expected.covariance), parts, some, model, taught)
+    some = conditions.take(good)
+    beside = taught(model, expected, q[good], some)
+    return Outlook(wanted[good], expected, radius.pooled(expected.covariance), parts, some, model, beside)
 
 
-def _columns(model: Model, kept: Unexplained, n: int) -> dict[str, np.ndarray]:
-    """What effects need, at the middle of what was measured."""
+def at_targets(
+    model: Model, targets: np.ndarray, conditions: Conditions, rivals: Sequence[Model] | None = None
+) -> tuple[np.ndarray, Expected]:
+    """The model's own commands (P, nq) for targets (P, 3) [m] of the TCP, and what to expect there."""
+    # A robot that commands orientation is asked for a level plate, as the grid has it.
+    n = len(targets)
+    turned = np.broadcast_to(np.eye(3), (n, 3, 3)) if {3, 4, 5} & set(model.robot.mechanism.task) else None
+    made = compensation.compensate(model, targets, rotation_matrix=turned, conditions=conditions, limits=False)
+    return made.q, expect(model, made.q, conditions, rivals=rivals)
+
+
+def usual_columns(model: Model, n: int) -> dict[str, np.ndarray]:
+    """What effects need, at the middle of what was measured, (n,) each."""
+    kept = model.uncertainty
+    assert kept is not None
     needed = {name for fitted in model.effects for name in fitted.effect.needs}
     values = {name: span.mean() for name, span in kept.measured.columns.items() if name.startswith(TEMPERATURE)}
     for name in needed - set(values):
@@ -112,7 +122,8 @@ def sentence(found: Outlook) -> str:
         if found.components[name] > 0.005 * found.u95
     ]
     where = f"with a {tool_label(found.tool).removeprefix('tool ')} tool" if found.tool.any() else "at the plate"
-    if found.taught is not None:
+    # In a tracker's frame tolerances hold the base; where they do so well, there is one radius to speak of.
+    if found.taught is not None and (found.model.frame is None or found.u95 > MORE * found.taught):
         return (
             f"Expect 95 % of landings within {size(found.taught)} {where} once the cell's frame is taught with the "
             "robot; where the base stands the readings do not say, and without it landings are within "

@@ -27,6 +27,8 @@ from pcalib.unexplained import Beyond
 COMPONENTS = ("geometry", "effects", "rivals", "unexplained", "frame")
 EITHER = 0.5
 """Weight of 'the instrument moved' where an effect moves the base: no reading tells one from the other."""
+FEWEST_TAUGHT = 20
+"""Landings that a frame is taught with: six of their coordinates, a tenth of all, are taken by the frame."""
 CHUNK = 2000
 """Commands at a time: derivatives of 2000 poses by 60 parameters are 6 MB."""
 
@@ -112,6 +114,22 @@ def _by_geometry(model: Model, p: Prediction, at: Closure, JX: np.ndarray) -> np
     # The raw parameters' derivatives, times basis and factor as one large product: half the time of many small ones.
     raw = prediction.geometry_columns(model, p, at, JX)[:, :3]
     return (raw.reshape(-1, raw.shape[-1]) @ (level.basis @ factor)).reshape(len(p.q), 3, -1)
+
+
+def base_is_unknown(model: Model) -> bool:
+    """Whether the readings of the fit do not say where the base stands: those in a tracker's frame, and of sensors."""
+    return model.frame is not None or bool(model.setup)
+
+
+def taught(model: Model, expected: Expected, q: np.ndarray, conditions: Conditions) -> float | None:
+    """[m] radius that contains 95 % of landings once a rigid motion of all is allowed for; None where readings say
+    where the base stands, or where so few landings have no shape."""
+    rows = np.flatnonzero(np.isfinite(expected.covariance).all(axis=(1, 2)))
+    if not base_is_unknown(model) or len(rows) < FEWEST_TAUGHT:
+        return None
+    rows = rows[:: -(-len(rows) // CHUNK)]
+    rest = expected.components["rivals"][rows] + expected.components["unexplained"][rows]
+    return radius.pooled(beside_a_frame(model, q[rows], conditions.take(rows)) + rest)
 
 
 def beside_a_frame(model: Model, q: np.ndarray, conditions: Conditions) -> np.ndarray:

@@ -45,8 +45,11 @@ def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str]
                 "|---" * (1 + len(ladder.maps)) + "|",
                 "| " + " | ".join(["**RMS**", *(f"**{_missed(m.rms[s])}**" for m in ladder.maps)]) + " |",
                 "| " + " | ".join(["max", *(_missed(m.max[s]) for m in ladder.maps)]) + " |",
-                "",
             ]
+            stated = [np.nan if m.expected is None else float(m.expected.pooled[s]) for m in ladder.maps]
+            if np.isfinite(stated).any():
+                lines.append("| " + " | ".join(["95 % may be within", *(size(v) for v in stated)]) + " |")
+            lines.append("")
         if step.fit is not None:
             lines += [_fit_line(step), ""]
         lines += [text for text in texts[s : s + 1]]

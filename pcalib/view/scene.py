@@ -66,6 +66,7 @@ class Style:
         gain = gain_of(errors, ladder.robot.workspace.radius)
         # From the decade of the smallest RMS: single tiny errors would stretch the scale and tell nothing.
         sizes = np.concatenate([ladder.rms.ravel(), [large]]) if ladder.maps else errors
+        sizes = np.concatenate([sizes, *(m.expected.pooled for m in ladder.maps if m.expected is not None)])
         return cls(LogScale.of(sizes), gain, size, ladder.robot.workspace.radius)
 
 
@@ -156,6 +157,45 @@ def draw_field(
             text = f"{s} · {label} · the model's own commands: nothing is missed by what it says"
         rec.log(f"{path}/title", rr.Points3D([title], labels=[text], show_labels=True, radii=1e-4, colors=TEXT))
     rec.reset_time()
+
+
+def draw_expected(
+    rec: rr.RecordingStream, path: str, field: ErrorMap, labels: Sequence[str], style: Style, title: np.ndarray
+) -> None:
+    """How far off the TCP may be by each step's model: ellipsoids of 95 % at the targets, one scale for all steps.
+
+    Args:
+        labels: name of each step, shown in the scene at `title` (3,).
+    """
+    rr = sdk()
+    expected = field.expected
+    assert expected is not None
+    gain = gain_of(2 * expected.u95, style.radius)
+    for s, label in enumerate(labels):
+        rec.set_time(TIMELINE, sequence=s)
+        good = np.isfinite(expected.u95[s])
+        sigma, axes = _axes(expected.covariance[s, good])
+        times = expected.u95[s, good] / np.maximum(np.linalg.norm(sigma, axis=1), 1e-15)
+        rec.log(
+            f"{path}/may_miss",
+            rr.Ellipsoids3D(
+                centers=field.targets[good], half_sizes=gain * times[:, None] * sigma,
+                quaternions=rotation.to_quaternion(axes), colors=style.colours.rgb(expected.u95[s, good]),
+                fill_mode=rr.components.FillMode.Solid,
+            ),
+        )  # fmt: skip
+        said = f"95 % of landings within {size(expected.pooled[s])} · drawn ×{gain:g}"
+        text = f"{s} · {label} · {said if good.any() else 'states no uncertainty'}"
+        title_of = rr.Points3D([title], labels=[text], show_labels=True, radii=1e-4, colors=TEXT)
+        rec.log(f"{path}/may_miss_title", title_of)
+    rec.reset_time()
+
+
+def _axes(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Half axes (n, 3) [m] of the 1σ ellipsoids of covariances (n, 3, 3) [m²], and rotations (n, 3, 3) onto them."""
+    values, axes = np.linalg.eigh(covariance)
+    axes[np.linalg.det(axes) < 0, :, 0] *= -1.0
+    return np.sqrt(np.maximum(values, 0.0)), axes
 
 
 def _logger(rec: rr.RecordingStream, path: str) -> Any:

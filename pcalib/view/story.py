@@ -51,6 +51,8 @@ def write(
             scene.draw_tool(rec, at, body, field.tool)
             scene.draw_workspace(rec, at, field.tool, w.radius, (w.z_min, w.z_max))
             scene.draw_field(rec, at, field, [s.label for s in ladder.steps], style, title)
+            if field.expected is not None:
+                scene.draw_expected(rec, at, field, [s.label for s in ladder.steps], style, title)
             panels.draw_landing(rec, f"landing/{panels.tool_path(i, field)}", field, style)
         panels.draw_colour_bar(rec, "colours", style)
         panels.draw_ladder(rec, "ladder", ladder)
@@ -66,10 +68,16 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style) -> rrb.Bluepr
 
     up = upwards(ladder.robot.mechanism)
     tools = [panels.tool_path(i, field) for i, field in enumerate(ladder.maps)]
+    may = ("may_miss", "may_miss_title")
     scenes = [
-        solid([f"scene/{tool}/**", f"- scene/{tool}/{out}"], f"{field.label}{scale}", body, field, up)
+        solid(_of(tool, out, *may), f"{field.label}{scale}", body, field, up)
         for out, scale in (("error", ""), ("error_of_step", f" · all steps ×{style.gain:g}"))
         for tool, field in zip(tools, ladder.maps, strict=True)
+    ]
+    scenes += [
+        solid(_of(tool, "error", "error_of_step", "target", "title"), f"{field.label} · may miss", body, field, up)
+        for tool, field in zip(tools, ladder.maps, strict=True)
+        if field.expected is not None
     ]
     landings = [flat(f"landing/{panels.tool_path(i, m)}", m.label, _square(style)) for i, m in enumerate(ladder.maps)]
     details: list = [rrb.TextDocumentView(origin="text/parameters", name="parameters")]
@@ -115,6 +123,11 @@ def page(scenes: Sequence[rrb.Spatial3DView], active: int, right: rrb.Vertical, 
         auto_layout=False,
         auto_views=False,
     )
+
+
+def _of(tool: str, *without: str) -> list[str]:
+    """What a scene shows of a tool."""
+    return [f"scene/{tool}/**", *(f"- scene/{tool}/{name}" for name in without)]
 
 
 def _square(style: scene.Style) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -70,7 +70,7 @@ def test_a_fit_has_a_report_of_its_own(folder, capfd):
     fit = ["fit", str(folder / "plain.csv"), "--robot", str(folder / "robot.toml"), "--report", str(report)]
     assert cli.main(fit) == 0
     page = report.read_text(encoding="utf-8")
-    assert page.count("<svg") == 3 and "Calibration of mydelta" in page
+    assert page.count("<svg") == 4 and "Calibration of mydelta" in page and "How far off a landing may be" in page
     assert all(f">{name}<" in page for name in ("a31", "b11", "l12", "q2: beta2, p2"))  # on the robot's figure
     assert "http://" not in page and "https://" not in page
 

@@ -10,7 +10,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 from pcalib.fitting import identification
 from pcalib.model import Conditions, FittedEffect, Model
-from pcalib.uncertainty import assessed, expect, outlook, radius
+from pcalib.uncertainty import assessed, expect, maps, outlook, radius
 
 SOFT = "drive_compliance"
 
@@ -146,6 +146,18 @@ def test_the_outlook_says_what_it_is_made_of(data, delta):
     assert content["schema"] == "pcalib.uncertainty/1" and content["coverage"]["rows"] == 30
     assert content["components_um"]["unexplained"] > content["components_um"]["geometry"] > 0
     assert content["components_um"]["effects"] == 0 == content["components_um"]["rivals"]
+
+
+def test_the_map_of_a_model_is_what_is_expected_command_by_command(data, delta):
+    model = assessed(identification.fit(data, delta))
+    over = maps.of_model(model)
+    assert [m.label for m in over.maps] == ["tool 0 mm", "tool 300 mm"]
+    field = over.maps[1]
+    assert field.expected is not None and field.expected.pooled[0] > over.maps[0].expected.pooled[0]
+    conditions = Conditions(np.tile(field.tool, (3, 1)), np.zeros(3))
+    q = compensation.compensate(model, field.targets[:3], conditions=conditions, limits=False).q
+    assert field.expected.u95[0, :3] == pytest.approx(expect(model, q, conditions).u95, rel=1e-9)
+    assert maps.of_model(Model.nominal(delta)).maps[0].expected is None
 
 
 def test_a_rival_counts_where_it_would_land_the_tcp_elsewhere(data, delta):

@@ -10,7 +10,7 @@ import pytest
 
 from pcalib import view
 from pcalib.errors import InputError
-from pcalib.ladder import Candidate, ErrorMap, Ladder, Scatter, Step
+from pcalib.ladder import Candidate, ErrorMap, Expected, Ladder, Scatter, Step
 from pcalib.model import Model
 from pcalib.view.scene import Style, gain_of
 from pcalib.view.skeleton import rest, skeleton
@@ -89,6 +89,23 @@ def test_large_errors_are_drawn_about_as_long_as_targets_are_apart(ladder):
     largest = max(np.nanmax(m.distance) for m in ladder.maps)
     assert 0.02 < style.gain * largest < 0.2
     assert style.gain in [m * 10.0**e for m in (1, 2, 5) for e in range(-3, 7)]
+
+
+def test_what_models_expect_is_drawn_as_ellipsoids_on_one_scale(ladder, tmp_path, read):
+    """The last step's model states a miss of 30 µm along z and 10 µm across; the others state none."""
+    covariance = np.full((STEPS, 20, 3, 3), np.nan)
+    covariance[-1] = np.diag([1e-5, 1e-5, 3e-5]) ** 2
+    u95 = np.where(np.isfinite(covariance[:, :, 0, 0]), 6e-5, np.nan)
+    expected = Expected(covariance, u95, np.array([np.nan, np.nan, 6e-5]))
+    maps = (replace(ladder.maps[0], expected=expected), ladder.maps[1])
+    view.write(tmp_path / "e.rrd", replace(ladder, maps=maps))
+    found = read(tmp_path / "e.rrd", "scene/tool_0_mm/may_miss")
+    half = np.array(found[STEPS - 1]["half_sizes"])
+    assert len(half) == 20 and sorted(half[0] / half[0].min()) == pytest.approx([1, 1, 3], rel=1e-5)
+    assert not found[0].get("half_sizes")
+    [title] = read(tmp_path / "e.rrd", "scene/tool_0_mm/may_miss_title")[STEPS - 1]["labels"]
+    assert "95 % of landings within 60.0 µm" in title
+    assert "95 % may be within" in str(read(tmp_path / "e.rrd", "text/step")[STEPS - 1])
 
 
 def test_the_robot_is_drawn_where_it_stands(written, ladder, delta, read):
