@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pcalib import rotation
 from pcalib.effects.base import Effect, Situation
 from pcalib.mechanics.kinematics import RIGID, Deviation
 from pcalib.mechanics.mechanism import Pose
@@ -43,6 +44,23 @@ class Frame:
     """(3,) [m], plate frame: the target's place beyond the stated tool point."""
     turn: np.ndarray | None = None
     """(3, 3) axes of the tracked body → plate frame; None where they are taken to be the plate's own."""
+
+    def moved(self, step: np.ndarray) -> Frame:
+        """The frame further along `prediction.frame_columns`: translation, rotation, the target's offset and turn.
+
+        Args:
+            step: (6, 9 or 12) [m, rad].
+        """
+        n = len(step)
+        turn = self.turn
+        if turn is not None and n > 9:
+            turn = rotation.renormalise(rotation.exp(step[9:12]) @ turn)
+        return Frame(
+            rotation.renormalise(rotation.exp(step[3:6]) @ self.rotation),
+            self.translation + step[:3],
+            self.offset + step[6:9] if n > 6 else self.offset,
+            turn,
+        )
 
 
 @dataclass(frozen=True)

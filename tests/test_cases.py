@@ -107,6 +107,14 @@ def test_a_tracked_body_whose_axes_are_turned_is_estimated_with_the_frame(robot,
     assert again is not None and again.turn is not None and np.abs(again.turn - frame.turn).max() < 1e-12
 
 
+@pytest.mark.parametrize("level", ["nominal", "firmware3", "classical", "model24"])
+def test_levels_that_leave_rotations_out_take_a_body_whose_axes_are_turned(level):
+    source, drawn = files(("target_body_turned", "delta", "delta_30deg"))
+    loaded = robots.load(drawn)
+    found = identification.fit(measurement.load(source, loaded), loaded, level)
+    assert found.status == "converged" and found.accuracy.rms_pos < 1e-3
+
+
 def test_a_probe_that_triggers_above_the_bed_has_its_height(tmp_path, monkeypatch, capfd):
     """The printer is as configured: 16.5 mm are the probe's."""
     monkeypatch.chdir(tmp_path)

@@ -79,7 +79,7 @@ def _landing(found: Changes) -> float:
     error, p = linearisation.residuals(new.model, new.data)
     error = np.nan_to_num(error)
     if len(found.frame):
-        free = prediction.frame_columns(new.model, p, offset=len(found.frame) == 9)
+        free = prediction.frame_columns(new.model, p, offset=new.data.frame == "tracker")
         columns = new.noise.whiten(free * FRAME_PRIOR[: free.shape[-1]])
         size = np.linalg.lstsq(columns, new.noise.whiten(error[..., None])[:, 0], rcond=1e-10)[0]
         error = error - np.nan_to_num(free) @ (size * FRAME_PRIOR[: free.shape[-1]])

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from pcalib import prediction, rotation
 from pcalib.changes.results import Changed, Changes, Explanation, Slip, Verdict
 from pcalib.changes.session import FRAME_PRIOR, Session, at, session
 from pcalib.data.measurement import Measurements
@@ -17,6 +18,7 @@ from pcalib.diagnosis.hypothesis import Hypothesis, Kind
 from pcalib.diagnosis.patterns import cells, patterns
 from pcalib.diagnosis.screen import Group, Known, Screen, Search, project_out, screen, smallest_seen, span
 from pcalib.errors import InputError
+from pcalib.fitting import linearisation
 from pcalib.model import Model
 
 SLIPPERY = 3
@@ -83,7 +85,7 @@ def changes(
         sets=tuple(sets),
         findings=tuple(sorted(findings, key=lambda f: (f.p, -f.s))),
         cells=cells(asked.patterns, n, screened, start.p, null),
-        frame=asked.frame(sets[0].names if sets else ()),
+        frame=_since(model, data, asked.frame(sets[0].names if sets else ())),
         chi2_dof=float(screened.residual @ screened.residual) / max(screened.free, 1),
         p=p,
         critical=critical,
@@ -147,7 +149,7 @@ class _Asked:
         return next((f.theta for f in effects if self.candidates[g].effect is not None and f.effect.name == name), None)
 
     def frame(self, changed: Sequence[str]) -> np.ndarray:
-        """Least-squares change of the measuring frame (0, 6 or 9) [m, rad], beside the changes of these names."""
+        """Least-squares step of the session's frame (0, 6, 9 or 12) [m, rad], beside the changes of these names."""
         new, n = self.session, self.session.n_frame
         beside = [
             new.whitened(c.columns) * c.scale
@@ -156,6 +158,23 @@ class _Asked:
         ]
         both = np.hstack([new.frame, *beside])
         return np.linalg.lstsq(both, new.y, rcond=1e-10)[0][:n] * FRAME_PRIOR[:n]
+
+
+def _since(before: Model, data: Measurements, step: np.ndarray) -> np.ndarray:
+    """Change of the measuring frame (0 or 6) [m, rad] since the model was made: of the readings' middle, and a turn.
+
+    Where a base stands and how its geometry is off move the readings alike, so that readings are laid on what the
+    model predicts of them in its own frame.
+    """
+    if not len(step) or before.frame is None or data.frame != "tracker":
+        return step
+    was = prediction.predict(before, data.q, linearisation.conditions_of(data)).position
+    seen = np.isfinite(was).all(axis=1) & data.mask[:, :3].all(axis=1)
+    if seen.sum() < 3:
+        return step
+    middle, here = was[seen].mean(axis=0), data.position[seen].mean(axis=0)
+    turned = rotation.laying(was[seen] - middle, data.position[seen] - here)
+    return np.concatenate([here - middle, rotation.log(turned)])
 
 
 def hypotheses(model: Model) -> list[Hypothesis]:

@@ -17,7 +17,7 @@ from pcalib.fitting.sufficiency import require_reach
 from pcalib.model import Frame, Model
 from pcalib.posterior import Posterior, Remaining
 
-FRAME_PRIOR = np.r_[np.full(3, 1.0), np.full(3, 1.0), np.full(3, 0.1)]
+FRAME_PRIOR = np.r_[np.full(3, 1.0), np.full(3, 1.0), np.full(3, 0.1), np.full(3, 1.0)]
 """[m, rad, m] Scale of the frame's translation, rotation and of the target's offset: so wide that they are free."""
 
 

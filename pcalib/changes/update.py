@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pcalib import prediction, rotation
+from pcalib import prediction
 from pcalib.changes.session import FRAME_PRIOR, known, noise_of, session
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.hypothesis import Hypothesis
@@ -21,7 +21,7 @@ from pcalib.diagnosis.point import Point
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import linearisation
 from pcalib.fitting.sufficiency import require_reach
-from pcalib.model import Frame, Model
+from pcalib.model import Model
 from pcalib.posterior import Posterior
 
 FREE = 100.0
@@ -65,7 +65,10 @@ def update(model: Model, data: Measurements, changed: Sequence[Hypothesis], same
     factor = np.hstack([posterior.factor, wide])
     r = factor.shape[1]
     u, old = np.zeros(r), model
-    frames = 0 if model.frame is None or same_setup else 9 if data.frame == "tracker" else 6
+    offset = data.frame == "tracker"
+    frames = 0
+    if model.frame is not None and not same_setup:
+        frames = 6 if not offset else 9 if model.frame.turn is None else 12
     before = after = float("nan")
     R = np.eye(r + frames)
     for _ in range(ROUNDS):
@@ -76,7 +79,7 @@ def update(model: Model, data: Measurements, changed: Sequence[Hypothesis], same
         noise = noise_of(data, point)
         columns = noise.whiten(np.nan_to_num(known(point) @ factor))
         if frames:
-            free = prediction.frame_columns(model, p, offset=frames == 9) * FRAME_PRIOR[:frames]
+            free = prediction.frame_columns(model, p, offset=offset) * FRAME_PRIOR[:frames]
             columns = np.hstack([columns, noise.whiten(np.nan_to_num(free))])
         y = noise.whiten(np.nan_to_num(error[..., None]))[:, 0]
         prior = np.eye(r, r + frames)
@@ -136,10 +139,7 @@ def _moved(old: Model, model: Model, change: np.ndarray, basis: np.ndarray, fram
     out = replace(model, k=old.k + basis @ change[:nz], effects=tuple(effects))
     if not len(frame) or model.frame is None:
         return out
-    at = model.frame
-    offset = at.offset + (frame[6:] if len(frame) == 9 else 0.0)
-    turned = rotation.exp(frame[3:6]) @ at.rotation
-    return replace(out, frame=Frame(turned, at.translation + frame[:3], offset))
+    return replace(out, frame=model.frame.moved(frame))
 
 
 def _rms(error: np.ndarray) -> float:

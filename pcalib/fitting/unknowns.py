@@ -8,17 +8,19 @@ from functools import cached_property
 
 import numpy as np
 
-from pcalib import rotation
 from pcalib.errors import InputError, unknown
 from pcalib.fitting.identifiability import PRIOR
 from pcalib.mechanics.mechanism import Level
-from pcalib.model import FittedEffect, Frame, Model
+from pcalib.model import FittedEffect, Model
 
 EFFECT_PRIOR_WIDTH = 3.0
 """Effects are held by 3× what is usual: loose enough not to shrink what data can see."""
 _FRAME_SCALE = 1e-3
 _TARGET_PRIOR = 1e-2
 """[m] The target's place is stated to a centimetre at worst; what of it is a gauge stays there."""
+_TURN_PRIOR = 1.0
+"""[rad] How far the tracked body may be turned from where registration found it: of levels that leave rotations out no
+reading tells, and where rotations count it is nothing beside them."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,8 @@ def unknowns_of(
         free[: n_geometry + n_effects] = np.inf
     if frame:
         free[place : place + 3] = _TARGET_PRIOR
+    if turned:
+        free[place + 3 : place + 6] = _TURN_PRIOR
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for name, (low, high) in bounds.items():
         lower[names.index(name)], upper[names.index(name)] = low, high
@@ -140,12 +144,7 @@ def apply(model: Model, unknowns: Unknowns, step: np.ndarray) -> Model:
     frame = model.frame
     if unknowns.n_frame:
         assert frame is not None
-        f = step[g + e : g + e + unknowns.n_frame]
-        turned = rotation.renormalise(rotation.exp(f[3:6]) @ frame.rotation)
-        body = frame.turn
-        if body is not None:
-            body = rotation.renormalise(rotation.exp(f[9:12]) @ body)
-        frame = Frame(turned, frame.translation + f[:3], frame.offset + f[6:9], body)
+        frame = frame.moved(step[g + e : g + e + unknowns.n_frame])
     setup, i = [], g + e + unknowns.n_frame
     for block in model.setup:
         setup.append(block.at(block.theta + step[i : i + len(block.theta)]))

@@ -234,3 +234,27 @@ def test_rows_that_tell_rival_parts_apart_are_planned():
         next_rows(replace(model, posterior=None), data, ("l21", "b21"), 6)
     with pytest.raises(EffectError, match="unknown effect or level"):
         next_rows(model, data, ("l99", "b21"), 6)
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.15])
+def test_a_tracker_whose_body_is_turned_is_registered_anew_and_its_motion_is_told(moved):
+    """The body's axes are 33° off those of the plate; between the sessions the tracker moves along its x or not."""
+    errors, base = _first("delta")
+    body, turn = rotation.exp(np.array([0.05, -0.03, 0.57])), rotation.exp(np.array([0.02, 0.03, 2.2]))
+
+    def tracked(data: Measurements, shift: float) -> Measurements:
+        position = data.position @ turn.T + np.array([2.5 + shift, -0.8, 0.4])
+        return replace(data, frame="tracker", position=position, rotation=turn @ data.rotation @ body)
+
+    model = identification.fit(tracked(_session(base.robot, errors, 40, 1), 0.0), base.robot).model
+    second = tracked(_session(base.robot, errors, 12, 5), moved)
+    found = changes(model, second)
+    assert found.verdict is Verdict.NOTHING
+    assert np.linalg.norm(found.frame[:3]) == pytest.approx(moved, abs=2e-5)
+    assert np.linalg.norm(found.frame[3:]) < 2e-4
+    part = next(h for h in hypotheses(model) if h.name == "l21")
+    rod = tracked(_second("delta", "l21", [150e-6], moved=False), moved)
+    assert "l21" in [n for e in changes(model, rod).sets for n in e.names]
+    after = update(model, rod, [part]).model
+    column = model.robot.mechanism.parameters.index("l21")
+    assert (after.k - model.k)[column] == pytest.approx(150e-6, abs=4e-5)
