@@ -301,7 +301,7 @@ def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
 def rotations(data: Measurements) -> Iterator[Finding]:
     """How rx, ry and rz are read, and whether Euler angles would be something else."""
     turned = data.turned
-    if data.written is None or data.written.shape[1] != 3 or not turned.any():
+    if data.written is None or data.written.shape[1] != 3 or data.euler or not turned.any():
         return
     vector, R = data.written[turned], data.rotation[turned]
     if not vector.any():

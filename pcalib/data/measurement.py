@@ -85,6 +85,8 @@ class Measurements(Tabled):
     written: np.ndarray | None = None
     """(N, 3) [rad] or (N, 4) the numbers of rx ry rz or qw qx qy qz as the file has them, so that another reading of
     them can be tried; None where there are none, or where the rotations were made in memory."""
+    euler: str = ""
+    """Order of turns where `written` holds Euler angles."""
     readings: Readings | None = None
     """What rows read that read no pose; their position and rotation are NaN. None where all rows read poses."""
 
@@ -294,6 +296,7 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
         sigma=sigma, stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
         correlation=correlation, instrument=instrument, date=_date(table), written=written,
+        euler=str(said.get("euler", "")),
     )  # fmt: skip
     return _with_readings(data, found, options, {key: table.metadata[key] for key in options}) if found else data
 

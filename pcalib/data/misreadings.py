@@ -85,7 +85,7 @@ def table(data: Measurements, robot: Robot) -> list[Misreading]:
         out.append(commands("command_order", words, f"name the columns in the order {names}", *_columns(order)))
     out += _positions(data)
     if data.turned.any():
-        out += _rotations(data)
+        out += rotations(data)
     if data.tool.any():
         out += _tools(data)
     return [*out, *_robots(robot)]
@@ -108,7 +108,8 @@ def _positions(data: Measurements) -> Iterator[Misreading]:
     )  # fmt: skip
 
 
-def _rotations(data: Measurements) -> Iterator[Misreading]:
+def rotations(data: Measurements) -> Iterator[Misreading]:
+    """Entries that read rotations another way."""
     name = ("rx", "ry", "rz")
     if data.written is None or data.written.shape[1] == 3:
         for factor, words, unit in (
@@ -118,10 +119,15 @@ def _rotations(data: Measurements) -> Iterator[Misreading]:
             edit = f"name the columns rx_{unit}, ry_{unit}, rz_{unit}"
             yield vectors("rotation_unit", words, edit, *_times(factor), stretch=factor)
         for sequence in (*FIXED, *PROPER):
-            yield euler(sequence)
+            if sequence != data.euler:
+                yield euler(sequence)
         for sequence in FIXED:
             if sequence != "xyz":
                 yield euler(sequence, reorder=True)
+        if data.euler:
+            words, edit = "rx, ry, rz are a rotation vector, and no Euler angles", "leave the line '# euler = …' out"
+            same = _written(np.asarray, vector=True)
+            yield Misreading("euler_angles", words, edit, same, same, ("rotation", 1.0))
     yield turns("rotation_inverse", "the rotation is that of the base seen from the plate", "change the sign of rx, ry and rz (of qx, qy and qz)", rotation.transposed, rotation.transposed)  # fmt: skip
     if data.written is None or data.written.shape[1] == 4:
         names = np.array(["qw", "qx", "qy", "qz"])
@@ -255,7 +261,7 @@ def euler(sequence: str, reorder: bool = False) -> Misreading:
     if reorder:
         words += " in the order of the turns"
         edit = f"name the columns {', '.join(f'r{c}' for c in sequence)} and {edit}"
-    return Misreading("euler_angles", words, edit, _written(mend), _written(spoil), ("rotation", 1.0))
+    return Misreading("euler_angles", words, edit, _written(mend, vector=True), _written(spoil, vector=True), ("rotation", 1.0))
 
 
 def quaternions(code: str, words: str, edit: str, order: Sequence[int]) -> Misreading:
@@ -286,14 +292,21 @@ def tools(code: str, words: str, edit: str, mend: Callable, spoil: Callable) -> 
     return Misreading(code, words, edit, change(mend), change(spoil))
 
 
-def _written(f: Callable[[np.ndarray], np.ndarray]) -> Change:
+def _written(f: Callable[[np.ndarray], np.ndarray], vector: bool = False) -> Change:
+    """The three numbers of each rotation (n, 3) changed by f, and read as they were before.
+
+    Args:
+        vector: f makes a rotation vector of them, whatever they are.
+    """
+
     def apply(data: Measurements, robot: Robot) -> Case:
         R, given = data.rotation.copy(), data.turned
-        vector = np.full((len(data), 3), np.nan)
+        three = np.full((len(data), 3), np.nan)
         read = data.written if data.written is not None and data.written.shape[1] == 3 else None
-        vector[given] = f(rotation.log(R[given]) if read is None else read[given])
-        R[given] = rotation.exp(vector[given])
-        return replace(data, rotation=R, written=vector), robot
+        three[given] = f(rotation.log(R[given]) if read is None else read[given])
+        order = data.euler if read is not None and not vector else ""
+        R[given] = orientation.from_euler(order, three[given]) if order else rotation.exp(three[given])
+        return replace(data, rotation=R, written=three, euler=order), robot
 
     return apply
 

@@ -64,7 +64,7 @@ def read(
         out[given] = (
             rotation.exp(values[given]) if euler is None else from_euler(str(euler), values[given], table.source)
         )
-        return out, values if euler is None else None
+        return out, values
     length = np.linalg.norm(values, axis=1)
     odd = given & (np.abs(length - 1) > 1e-3)
     if odd.any():

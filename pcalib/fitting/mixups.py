@@ -38,6 +38,13 @@ less on most machines, and a reading must bring the data home to be named in any
 SMALL = 0.3
 """Residuals over their σ below which on the values themselves are doubted: no σ is stated three times too large, and
 values in a unit fifty times too large are."""
+TURNED = np.radians(5.0)
+"""Median rotation in the file from which on it matters how its three numbers are read, although the data look near."""
+AT_NOISE = 1.5
+"""Times σ that a quick fit may leave over before the rotations of such a file are read otherwise."""
+BETTER = 0.7
+"""Share of the cost below which another reading of such rotations must come: what a model lacks, and other readings
+cannot take up, is in both."""
 ABSURD = 100.0
 """Manufacturing tolerances (10 mm, 5°, 10 %) from which on a number is that of another robot, or of a mistake."""
 _ROUGH = 0.06
@@ -127,13 +134,22 @@ SHOWN = 3
 """Readings that are named where several explain the data alike."""
 
 
+def _shown(readings: tuple[tuple[str, str, str], ...]) -> tuple[tuple[str, str, str], ...]:
+    """The readings to name: the best of each kind of mistake first, so that none is left out for its rank alone."""
+    first = {code: entry for entry in reversed(readings) for code in entry[:1]}
+    each = [entry for entry in readings if first[entry[0]] is entry]
+    return tuple([*each, *(entry for entry in readings if entry not in each)][:SHOWN])
+
+
 def sentence(found: Judgement, nominal: Nominal) -> str:
     """What a judgement says of the data, for a message; '' where there is nothing to say."""
     away = nominal.distance if nominal.far else ""
     if found.readings:
-        said = ", or where ".join(words for _, words, _ in found.readings[:SHOWN])
+        said = ", or where ".join(words for _, words, _ in _shown(found.readings))
         if len(found.readings) > SHOWN:
             said += f" ({len(found.readings) - SHOWN} more readings explain them alike)"
+        if len({code for code, *_ in found.readings}) > 1:
+            said += "; the data cannot tell which, so look at the machine and the instrument first"
         if away:
             return f"The data are {away} from the robot as drawn, and fit it where {said}"
         return f"The data fit the robot as drawn where {said}, and not as they stand"
@@ -149,7 +165,7 @@ def sentence(found: Judgement, nominal: Nominal) -> str:
 
 def remedy(found: Judgement) -> str:
     """The edit that mends it."""
-    edits = [edit for _, _, edit, *_ in (found.readings or found.numbers)[:SHOWN]]
+    edits = [edit for _, _, edit, *_ in (_shown(found.readings) or found.numbers[:SHOWN])]
     if edits:
         return ", or ".join(dict.fromkeys(edits))
     if found.frame:
@@ -197,7 +213,8 @@ def _judge(some: Measurements, robot: Robot, always: bool) -> Judgement:
         return Judgement(None)
     here = drawing.distance(some, robot)
     if not (always or _suspicious(here)):
-        return Judgement(here)
+        turned = tuple((m.code, m.words, m.edit) for m in _turned_otherwise(some, robot, here))
+        return Judgement(here, turned, tried=bool(turned))
     readings = tuple((m.code, m.words, m.edit) for m in _readings(some, robot, here))
     if readings:
         return Judgement(here, readings, tried=True)
@@ -237,6 +254,28 @@ def _readings(data: Measurements, robot: Robot, here: Distance | None) -> list[m
             found.append((there.cost - shrunk, entry))
     best = min((cost for cost, _ in found), default=0.0)
     return [entry for cost, entry in found if cost < best + max(ALIKE, 0.5 * abs(best))]
+
+
+def _turned_otherwise(data: Measurements, robot: Robot, here: Distance | None) -> list[misreadings.Misreading]:
+    """Other readings of large rotations that explain data better which are near as they are read, best first.
+
+    In a tracker's frame the body's own turn is found with the rest, which hides most of a wrong order of angles.
+    """
+    turned = data.turned
+    if here is None or not turned.any() or not here.misfit > AT_NOISE**2 * here.readings:
+        return []
+    if not np.median(np.linalg.norm(rotation.log(data.rotation[turned]), axis=1)) > TURNED:
+        return []
+    found: list[tuple[float, misreadings.Misreading]] = []
+    for entry in misreadings.rotations(data):
+        if entry.stretch[1] != 1.0:
+            continue  # in another unit such rotations would be far off
+        read = entry.mend(data, robot)[0]
+        there = drawing.distance(read, robot) if _roughly(read, robot) else None
+        if there is not None and there.near and there.cost < BETTER * here.cost and here.cost - there.cost > 4 * ALIKE:
+            found.append((there.cost, entry))
+    best = min((cost for cost, _ in found), default=0.0)
+    return [entry for cost, entry in sorted(found, key=lambda f: f[0]) if cost < best + max(ALIKE, 0.1 * best)]
 
 
 def _counted(data: Measurements, columns: slice) -> int:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.jobs import misreadings as trials
 from pcalib import planning, robot
-from pcalib.data import misreadings
+from pcalib.data import misreadings, orientation
 from pcalib.data.measurement import Measurements
 from pcalib.fitting import drawing, mixups
 from pcalib.mechanics import kinematics
@@ -152,3 +152,45 @@ def test_numbers_are_searched_for_to_the_noise(base):
         base, DELTA, ("rad",), lambda d, r, a: (replace(d, q=d.q + np.radians([3.0, 0, 0]) + a[0] * np.eye(3)[0]), r)
     )
     assert found is not None and np.degrees(found[0]) == pytest.approx(-3.0, abs=0.15)
+
+
+def tracked(base: Measurements, order: str, soft: float = 0.0) -> Measurements:
+    """The same poses with a body 35° off the plate's axes, as Euler angles; drives give way by `soft` [rad] at 2 kg."""
+    rng = np.random.default_rng(8)
+    q = base.q + soft * rng.integers(0, 2, (len(base), 1))
+    units = np.array(DELTA.mechanism.units)
+    k = DELTA.mechanism.nominal + np.where(units == "rad", 2e-3, 5e-4) * np.random.default_rng(3).standard_normal(60)
+    pose = kinematics.forward(DELTA.mechanism, k, q).pose
+    turn, body = REGISTRATION.as_matrix(), Rotation.from_rotvec([0.1, -0.2, 0.57]).as_matrix()
+    x = pose.tcp(base.tool) @ turn.T + [3, 1, 0.5] + 2e-5 * rng.standard_normal((len(q), 3))
+    R = turn @ pose.R @ body @ Rotation.from_rotvec(6e-5 * rng.standard_normal((len(q), 3))).as_matrix()
+    data = Measurements.create(DELTA, base.q, x, R, tool=base.tool, sigma_pos=2e-5, sigma_rot=6e-5, frame="tracker")
+    return replace(data, written=orientation.to_euler(order, R), euler=order)
+
+
+@pytest.mark.parametrize("declared", ["zyx", "zxz", ""])
+def test_large_rotations_in_another_order_are_named_although_the_data_look_near(base, declared):
+    """A tracked body's own turn is an unknown of the fit, and takes up most of a wrong order of angles."""
+    right = tracked(base, "xyz")
+    v = right.written
+    assert v is not None and not mixups.judge(right, DELTA).readings
+    R = orientation.from_euler(declared, v) if declared else Rotation.from_rotvec(v).as_matrix()
+    found = mixups.judge(replace(right, rotation=R, euler=declared), DELTA)
+    assert any("write '# euler = xyz'" in edit for *_, edit in found.readings) and found.absurd
+
+
+def test_what_drives_give_way_is_no_other_order_of_rotations(base):
+    right = tracked(base, "xyz", soft=5e-4)
+    distance = drawing.distance(right, DELTA)
+    assert distance is not None and distance.misfit > 1.5**2 * distance.readings
+    assert not mixups.judge(right, DELTA).readings
+
+
+def test_readings_that_explain_data_alike_are_all_told_one_of_each_kind_first(base):
+    """A mirrored axis of the tracker and two exchanged motors look the same on a robot of three equal arms."""
+    right = tracked(base, "xyz")
+    mirrored = replace(right, position=right.position * [1, -1, 1], rotation=np.full_like(right.rotation, np.nan))
+    mirrored = replace(mirrored, mask=mirrored.mask & (np.arange(6) < 3), written=None, euler="")
+    found = mixups.judge(mirrored, DELTA)
+    said = mixups.sentence(found, mixups.compare(mirrored, DELTA))
+    assert "left-handed" in said and "is what stands in" in said and "cannot tell which" in said
