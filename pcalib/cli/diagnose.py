@@ -47,6 +47,7 @@ def command(
     from pcalib.cli._inputs import read
     from pcalib.diagnosis import results, telling
     from pcalib.diagnosis.diagnose import diagnose
+    from pcalib.diagnosis.verdict import Doubt
     from pcalib.errors import InputError
     from pcalib.laws import telling as laws_in_words
     from pcalib.laws.verdict import beside
@@ -57,6 +58,7 @@ def command(
     calibrated, measured, own = read(model, data, effect_file)
     found = diagnose(calibrated, measured, own, largest=most, seed=seed, widened=_widened(plausible))
     laws = beside(found, seed)
+    found = laws.found if laws is not None else found
     proposed = laws_in_words.as_json(laws.proposals, None)["laws"] if laws is not None else []
     expected, uncertainty = outlook.said(calibrated, rivals.models(calibrated, effect_file))
     write_json(json, {**results.diagnosis_json(found), "laws": proposed, "uncertainty": uncertainty})
@@ -69,7 +71,8 @@ def command(
     if report is not None:
         say(f"Report written to {report}.")
     files = [word for path in effect_file for word in ("--effect-file", str(path))]
-    lawful = found.verdict == "unexplained" and laws is not None and bool(laws.proposals.families)
+    doubtful = found.verdict == "unexplained" or Doubt.LAW in {d for e in found.sets[:1] for d in e.doubts}
+    lawful = doubtful and laws is not None and bool(laws.proposals.families)
     if lawful:
         say_next("propose", data, "--model", model, "-o", "laws", *files)
     for step in telling.advised(found, str(model)):
@@ -108,13 +111,15 @@ def _widened(plausible: tuple[str, ...]) -> dict[str, float]:
 def show(found: Diagnosis, laws: Beside | None = None) -> None:
     """Print a diagnosis: the verdict, the law that explains what no effect does, and what stands behind them."""
     from pcalib.diagnosis import telling
+    from pcalib.diagnosis.verdict import Doubt
 
     say(telling.sentence(found))
     if laws is not None and found.verdict == "unexplained" and laws.sentence:
         say(laws.sentence)
     print()
+    much = "better" if Doubt.LAW in {d for e in found.sets[:1] for d in e.doubts} else "as well"
     for law in laws.rivals if laws is not None else ():
-        say(f"- A law that no effect stands for does as well: {law}. 'pcalib propose' writes it; measure what differs.")
+        say(f"- A law that no effect stands for does {much}: {law}. 'pcalib propose' writes it; measure what differs.")
     for line in telling.details(found):
         say(f"- {line}")
     print()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log
 
+import numpy as np
+
 from pcalib.diagnosis.diagnose import Diagnosis
+from pcalib.diagnosis.verdict import Doubt, decide
 from pcalib.laws import telling
 from pcalib.laws.proposal import Proposals
 from pcalib.laws.search import propose
@@ -18,11 +21,13 @@ CLEAR = 6.0
 
 @dataclass(frozen=True)
 class Beside:
-    """What laws add to a verdict."""
+    """What laws add to a diagnosis."""
 
+    found: Diagnosis
+    """The diagnosis, in which a listed effect is not established where a law explains the data better."""
     proposals: Proposals
     rivals: tuple[str, ...]
-    """Laws, in words, that do as well as the established effect without being that effect under another name."""
+    """Laws, in words, that do as well as the listed effects that were found without being these under another name."""
 
     @property
     def sentence(self) -> str:
@@ -36,24 +41,50 @@ def beside(found: Diagnosis, seed: int = 0) -> Beside | None:
     Nothing is searched for unless the diagnosis has raised its alarm, so that proposals raise none of their own.
     """
     doubted = bool(found.sets) and bool(found.sets[0].implausible)
-    if not (found.verdict in ("unexplained", "established") or doubted) or found.problem.outliers.too_many:
+    if not (found.verdict == "unexplained" or found.established or doubted) or found.problem.outliers.too_many:
         return None
+    if found.verdict != "unexplained" and any(h.effect is None for h in found.sets[0].members):
+        return None  # what a level of the geometry explains is no effect that a law could stand for
     proposals = propose(found.problem, seed=seed)
     if found.verdict == "unexplained":
-        return Beside(proposals, ())
-    named = found.sets[0]
+        return Beside(found, proposals, ())
+    named, bic = found.sets[0].names, _named_bic(found)
+    others = [f.first for f in proposals.adequate]
+    better = [law for law in others if law.bic < bic - chance(proposals.tried)]
+    if better:
+        return Beside(_with_doubt(found), proposals, tuple(law.words() for law in better[:SHOWN]))
     rivals = [
-        f.first.words()
-        for f in proposals.adequate
-        if not {*f.first.listed, *(c.name for c in f.first.beside)} & set(named.names)
-        and f.first.bic < _named_bic(found) + CLEAR
+        law
+        for law in others
+        if not {*law.listed, *(c.name for c in law.beside)} & set(named) and law.bic < bic + CLEAR
     ]
-    return Beside(proposals, tuple(rivals[:SHOWN]))
+    return Beside(found, proposals, tuple(law.words() for law in rivals[:SHOWN]))
+
+
+def with_laws(found: Diagnosis, seed: int = 0) -> Diagnosis:
+    """The diagnosis with what laws say against what it had established."""
+    laws = beside(found, seed)
+    return found if laws is None else laws.found
+
+
+def chance(tried: int) -> float:
+    """What the best of many laws that are all wrong takes off χ²: the largest of n squared normal variates."""
+    return 2 * log(max(tried, 1))
+
+
+def _with_doubt(found: Diagnosis) -> Diagnosis:
+    """The diagnosis with nothing established, because a law explains the data better."""
+    best, *others = found.sets
+    sets = (replace(best, doubts=(*best.doubts, Doubt.LAW)), *others)
+    verdict, established = decide(sets)
+    return replace(found, sets=sets, verdict=verdict, established=established)
 
 
 def _named_bic(found: Diagnosis) -> float:
-    """BIC of the established effect on the scale of the laws: gain of its signal less ln M for each of its columns."""
+    """BIC of the best explanation on the scale of the laws: ln M for each of its columns less what they take."""
     made, best = found.problem, found.sets[0]
-    columns = sum(len(theta) for theta in best.theta)
-    gain = sum(f.s**2 for f in found.findings if f.candidate.spec in best.specs)
-    return columns * log(len(made.y)) - gain
+    specs = [c.spec for c in made.candidates]
+    chosen = [specs.index(spec) for spec in best.specs if spec in specs]
+    screen = made.screen(n_draws=1)
+    Q = screen.joint(chosen)
+    return Q.shape[1] * log(len(made.y)) - float(np.sum((Q.T @ screen.y) ** 2))

@@ -21,6 +21,7 @@ from bench.jobs.hidden.stage import Stage, suits
 from pcalib import robot as robots
 from pcalib.diagnosis.diagnose import Diagnosis, diagnose
 from pcalib.errors import FitError
+from pcalib.laws.verdict import with_laws
 from pcalib.robot import Robot
 
 CURVE = (6.0, 3.0, 4.0, 5.0, 8.0, 12.0, 20.0)
@@ -147,7 +148,8 @@ def answer_of(found: Diagnosis) -> Answer:
 def _judge(made: Set) -> Said:
     cell, case = made.truth["cell"], made.truth["case"]
     try:
-        found = diagnose(made.model, made.data, without=(str(CATALOGUE[cell.what].effect),) if cell.without else ())
+        without = (str(CATALOGUE[cell.what].effect),) if cell.without else ()
+        found = with_laws(diagnose(made.model, made.data, without=without))
         grade, words = Grade(case.facts, answer_of(found)), in_words(found)
     except FitError:
         grade, words = Grade(case.facts, Answer("no_fit", (), ())), "no fit"

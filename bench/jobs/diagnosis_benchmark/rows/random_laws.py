@@ -15,6 +15,7 @@ from bench.jobs.hidden.catalogue import Hidden
 from bench.jobs.hidden.design import DESIGNS
 from bench.jobs.hidden.grading import SLACK
 from pcalib.diagnosis.diagnose import diagnose
+from pcalib.laws.verdict import with_laws
 
 FAR = (8.0, 12.0, 20.0)
 """Distances s⊥ from the nearest pair of listed effects [noise units]."""
@@ -40,7 +41,7 @@ def _sets(task: Task, rng: np.random.Generator) -> Iterator[Set]:
 
 
 def _judge(made: Set) -> Said:
-    found = diagnose(made.model, made.data)
+    found = with_laws(diagnose(made.model, made.data))
     hits = {"wrong": bool(found.established), "silent": found.verdict == "nothing_missing"}
     return Said(in_words(found), hits)
 
