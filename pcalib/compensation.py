@@ -54,7 +54,7 @@ def compensate(
         rotation_matrix: (N, 3, 3) wanted orientation, for robots that can choose it.
         conditions: payload, temperature, direction … for models with effects.
         method: 'exact' or 'first-order'.
-        limits: whether to refuse targets outside the workspace and commands outside the joint range.
+        limits: whether to refuse targets outside a stated workspace and commands outside the joint range.
     """
     if method not in METHODS:
         raise InputError(unknown("method", method, METHODS))
@@ -69,12 +69,12 @@ def compensate(
         robot = model.robot
         inside = (found.q >= robot.joint_min - 1e-9) & (found.q <= robot.joint_max + 1e-9)
         status[(status == "ok") & ~inside.all(axis=1)] = "outside_joint_range"
-        R = np.eye(3) if rotation_matrix is None else rotation_matrix
-        centre = position - (R @ conditions.tool[..., None])[..., 0]
-        within = robot.workspace.contains(centre)
-        if rotation_matrix is not None:
-            within &= oriented(robot, rotation_matrix)
-        status[~within] = "outside_workspace"
+        if robot.workspace.stated:
+            R = np.eye(3) if rotation_matrix is None else rotation_matrix
+            within = robot.workspace.contains(position - (R @ conditions.tool[..., None])[..., 0])
+            if rotation_matrix is not None:
+                within &= oriented(robot, rotation_matrix)
+            status[~within] = "outside_workspace"
     return Compensated(np.where((status == "ok")[:, None], found.q, np.nan), status)
 
 

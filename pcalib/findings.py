@@ -385,17 +385,8 @@ def against_nominal(data: Measurements, nominal: Nominal, judged: Judgement) -> 
         )  # fmt: skip
     elif judged.tried and judged.far:
         yield Finding("warning", "far_from_drawing", said, advice)
-    elif len(nominal.error):
-        typical = float(np.median(nominal.error))
-        limit = max(8 * typical, mixups.LARGE)
-        far = nominal.error > limit
-        if far.any():
-            yield Finding(
-                "warning", "far_rows",
-                f"More than {limit * 1e3:.3g} mm from the nominal robot, where half of all are within "
-                f"{typical * 1e3:.2g} mm: {_lines(data, nominal.rows[far])}. Do command and measurement belong "
-                "together?",
-            )  # fmt: skip
+    elif apart := mixups.rows_apart(nominal, data):
+        yield Finding("warning", "far_rows", apart)
 
 
 def verified(noise: Noise) -> bool:
@@ -430,10 +421,5 @@ def span(values: np.ndarray) -> dict[str, float]:
 
 
 def _lines(data: Measurements, rows: np.ndarray) -> str:
-    """'lines 3, 7 and 9' of a mask or of indices; no more than five are named."""
-    lines = [str(line) for line in data.lines[rows]]
-    if len(lines) == 1:
-        return f"line {lines[0]}"
-    if len(lines) > 5:
-        lines = [*lines[:5], f"{len(lines) - 5} more"]
-    return f"lines {', '.join(lines[:-1])} and {lines[-1]}"
+    """'lines 3, 7 and 9' of a mask or of indices."""
+    return wording.lines(data.lines[rows])

@@ -53,6 +53,8 @@ class Workspace:
     """[rad] largest angle of the plate's z axis from that of the base, where a robot commands it."""
     yaw: float = 0.0
     """[rad] largest turn about the base's z axis either way, where a robot commands it."""
+    stated: bool = True
+    """Whether the robot file states it; one that was found from the joint range plans poses, and refuses no target."""
 
     def contains(self, position: np.ndarray, slack: float = 1e-9) -> np.ndarray:
         """Which positions (N, 3) lie inside."""
@@ -156,7 +158,7 @@ def _found_workspace(mechanism: Mechanism, low: float, high: float) -> Workspace
     if {3, 4, 5} & set(mechanism.task):
         tilt = float(np.quantile(np.arccos(np.clip(R[:, 2, 2], -1, 1)), 0.8))
         yaw = float(np.quantile(np.abs(np.arctan2(R[:, 1, 0] - R[:, 0, 1], R[:, 0, 0] + R[:, 1, 1])), 0.8))
-    return Workspace(float(np.quantile(np.hypot(x[:, 0], x[:, 1]), 0.8)), float(z_min), float(z_max), tilt, yaw)
+    return Workspace(float(np.quantile(np.hypot(x[:, 0], x[:, 1]), 0.8)), float(z_min), float(z_max), tilt, yaw, False)
 
 
 def from_table(table: Mapping[str, Any], text: str = "") -> Robot:

@@ -79,3 +79,13 @@ def clipped(text: str, most: int) -> str:
         return text
     end = max(text.rfind(mark, 0, most - 1) for mark in (", ", "; "))
     return f"{text[: end + 1]} …" if end > 0 else short(text, most)
+
+
+def lines(numbers: np.ndarray) -> str:
+    """'lines 3, 7 and 9'; no more than five are named."""
+    said = [str(line) for line in numbers]
+    if len(said) == 1:
+        return f"line {said[0]}"
+    if len(said) > 5:
+        said = [*said[:5], f"{len(said) - 5} more"]
+    return f"lines {', '.join(said[:-1])} and {said[-1]}"

@@ -20,6 +20,7 @@ from pcalib.cli.frame import BesideOption, JsonOption, OutputOption, progress, q
 
 if TYPE_CHECKING:
     from pcalib.data.measurement import Measurements
+    from pcalib.errors import FitError
     from pcalib.fitting.identification import Fit
     from pcalib.model import FittedEffect
     from pcalib.robot import Robot
@@ -70,7 +71,7 @@ def command(
     from pcalib import robot as robots
     from pcalib.data import measurement
     from pcalib.diagnosis import visibility
-    from pcalib.errors import InputError
+    from pcalib.errors import FitError, InputError
     from pcalib.fitting import crossvalidation, identification, mixups, trust
     from pcalib.model import Model
     from pcalib.uncertainty import assessed, outlook
@@ -81,7 +82,8 @@ def command(
     if folds:
         crossvalidation.require_folds(measured, folds)
     judged = mixups.judge(measured, described)
-    said = mixups.sentence(judged, mixups.compare(measured, described)) if judged.tried else ""
+    nominal = mixups.compare(measured, described)
+    said = mixups.sentence(judged, nominal) if judged.tried else ""
     far_off = f"{said}; {mixups.remedy(judged)}."
     refused = {"schema": "pcalib.fit/1", "status": "far", "reason": said, "drawing": judged.to_json()}
     too_far = InputError(said, file=data, remedy=f"{mixups.remedy(judged)}; if it is meant, fit with --far")
@@ -97,14 +99,21 @@ def command(
         "bounds": dict(_bound(text, described, level) for text in bound),
         "prior": _tolerances(length_tolerance, angle_tolerance),
     }
-    found = identification.fit(measured, start, level, **options)
+    apart = mixups.rows_apart(nominal, measured)
+    try:
+        found = identification.fit(measured, start, level, **options)
+    except FitError as error:
+        raise _with_rows(error, data, apart) from error
     content = summary.fit_json(found)
     if found.status != "converged":
         write_json(json, content)
     elif judged.absurd and not judged.named and not far and not found.accuracy.at_the_noise:
         write_json(json, refused)  # nothing explains the distance, and the fit does not vouch for it either
         raise too_far
-    calibrated = assessed(found)  # or the reason why there is none
+    try:
+        calibrated = assessed(found)  # or the reason why there is none
+    except FitError as error:
+        raise _with_rows(error, data, apart) from error
     expected, uncertainty = outlook.said(calibrated)
     doubts = trust.doubts(found, measured)
     shares = visibility.visibility(calibrated, measured)
@@ -163,6 +172,15 @@ def _tolerances(length: np.ndarray | None, angle: np.ndarray | None) -> dict[str
                 raise InputError(f"{option} must be more than 0", remedy=remedy)
             out[unit] = float(value[0])
     return out
+
+
+def _with_rows(error: FitError, data: Path, apart: str) -> FitError:
+    """The error with the rows that are most likely behind it."""
+    from pcalib.errors import FitError
+
+    if not apart:
+        return error
+    return FitError(f"{data}: the fit is not usable: {apart[0].lower()}{apart[1:]}\n  correct or leave out these rows")
 
 
 def _effects(specs: tuple[str, ...], measured: Measurements, robot: Robot) -> list[FittedEffect]:

@@ -19,7 +19,7 @@ def command(*data: Path, output: RequiredOutput, json: JsonOption = None) -> int
         output: File to write, CSV or Parquet.
     """
     from pcalib.data import measurement
-    from pcalib.data.joining import join
+    from pcalib.data.joining import differences, join
 
     parts = [measurement.load(path) for path in data]
     joined = join(parts)
@@ -28,6 +28,8 @@ def command(*data: Path, output: RequiredOutput, json: JsonOption = None) -> int
     note = f" Left out, as not all files have them: {', '.join(lost)}." if lost else ""
     files = f"{len(parts)} file{'s' * (len(parts) != 1)}"
     say(f"{len(joined)} row{'s' * (len(joined) != 1)} of {files} written to {output}.{note}")
+    for line in differences(parts):
+        say(f"- {line}")
     content = {"schema": "pcalib.join/1", "file": output, "rows": len(joined), "files": data, "left_out": lost}
     write_json(json, content)
     return None

@@ -50,7 +50,7 @@ def command(
     """
     from pcalib import units
     from pcalib.cli._inputs import read
-    from pcalib.data import table
+    from pcalib.data import measurement, table
     from pcalib.diagnosis import discriminate
     from pcalib.errors import InputError
     from pcalib.fitting import identification
@@ -84,7 +84,7 @@ def command(
         },
     )  # fmt: skip
     if output is not None:  # before anything is printed: a closed pipe loses no file
-        table.write(output, columns, {"robot": calibrated.robot.name})
+        table.write(output, columns, {"robot": calibrated.robot.name, **measurement.instrument_metadata(measured)})
     say(found.sentence())
     shown, alike = _grouped(columns)
     show_table(

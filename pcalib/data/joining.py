@@ -31,7 +31,8 @@ def join(parts: Sequence[Measurements]) -> Measurements:
             ("robot", first.robot_name or part.robot_name, part.robot_name or first.robot_name),
         ):
             if a != b:
-                raise InputError(f"{what} {a} and {b} do not go together", file=part.source)
+                remedy = f"where both are, write '# frame = {a}' above its header" if what == "measuring frame" else ""
+                raise InputError(f"{what} {a} and {b} do not go together", file=part.source, remedy=remedy)
     names = {name for part in parts for name in part.columns}
     everywhere = [n for n in sorted(names) if all(n in part.columns for part in parts) or n.startswith("dir")]
     columns = {
@@ -41,6 +42,7 @@ def join(parts: Sequence[Measurements]) -> Measurements:
     for part in parts:
         ids.append(np.where(part.pose_id >= 0, part.pose_id + shift, -1))
         shift += int(part.pose_id.max(initial=-1)) + 1
+    parts = _with_sigma(parts)
     one = ("q", "position", "rotation", "mask", "tool", "payload", "check", "sigma", "lines")
     independent = all(part.correlation is None for part in parts)
     correlation = [np.tile(np.eye(6), (len(p), 1, 1)) if p.correlation is None else p.correlation for p in parts]
@@ -57,3 +59,35 @@ def join(parts: Sequence[Measurements]) -> Measurements:
         instrument=first.instrument if all(each == told[0] for each in told) else None,
         readings=Readings.joined([part.readings for part in parts], [len(part) for part in parts]),
     )
+
+
+def _with_sigma(parts: Sequence[Measurements]) -> list[Measurements]:
+    """The parts; readings whose σ no file states have the median one of those that are stated."""
+    out = list(parts)
+    for i in (0, 1):
+        block = slice(3 * i, 3 * i + 3)
+        known = [part.sigma[:, block] for part in parts if part.stated[i] and part.kinds[i]]
+        if not known:
+            continue
+        usual = float(np.median(np.concatenate(known)))
+        for n, part in enumerate(out):
+            if part.kinds[i] and not part.stated[i]:
+                sigma = part.sigma.copy()
+                sigma[:, block] = usual
+                stated = (True, part.stated[1]) if i == 0 else (part.stated[0], True)
+                out[n] = replace(part, sigma=sigma, stated=stated)
+    return out
+
+
+def differences(parts: Sequence[Measurements]) -> list[str]:
+    """What the metadata of the files say differently, one sentence each."""
+    out, first = [], parts[0]
+    for part in parts[1:]:
+        if part.euler != first.euler and part.turned.any() and first.turned.any():
+            ways = [f"Euler angles {p.euler}" if p.euler else "rotation vectors or quaternions" for p in (first, part)]
+            out.append(f"{first.source} has {ways[0]}, and {part.source} {ways[1]}: each is read as its file says.")
+    for i, what in enumerate(("positions", "rotations")):
+        silent = [part.source for part in parts if part.kinds[i] and not part.stated[i]]
+        if silent and any(part.stated[i] and part.kinds[i] for part in parts):
+            out.append(f"{', '.join(silent)} states no σ of {what}: that of the other rows is taken.")
+    return out

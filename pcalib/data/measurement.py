@@ -392,6 +392,13 @@ def save(path: str | Path, data: Measurements) -> None:
     tables.write(path, *written(data))
 
 
+def instrument_metadata(data: Measurements) -> dict[str, str]:
+    """Metadata of further rows by the same instrument: its frame and the order of Euler angles, where they are not the
+    usual ones. σ needs no line: joined rows have that of the others."""
+    frame = {} if data.frame == "base" else {"frame": data.frame}
+    return frame | ({"euler": data.euler} if data.euler else {})
+
+
 def written(data: Measurements) -> tuple[dict[str, np.ndarray | list[str]], dict[str, str]]:
     """Columns and metadata of the file that holds the measurements.
 

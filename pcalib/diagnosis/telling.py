@@ -275,6 +275,8 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
         rivals = [[h for h in e.members if h.name not in found.established] for e in found.sets[:2]]
         wants = sorted({w for rival in rivals for h in rival for w in h.wants})
         out.append({"do": "next", "between": ["+".join(h.spec for h in rival) for rival in rivals], "vary": wants})
+        if len(rivals[0]) == 1 and not (found.established or best.doubts or best.implausible):
+            out.append({"do": "meanwhile", "effect": rivals[0][0].spec})
     elif found.established:
         sure = [h for e in found.sets[:1] for h in e.members if h.name in found.established]
         out += [{"do": "add", "effect": h.spec} for h in sure]
@@ -396,6 +398,9 @@ def advised(found: Diagnosis, model: str) -> list[Advised]:
             out.append(Advised(why, ("next", data, "--model", model, *between)))
         elif item["do"] == "add":
             why = f"to add {item['effect']}, which is missing in any case" if shared else "to refit everything with it"
+            out.append(Advised(why, ("add", item["effect"], data, "--model", model)))
+        elif item["do"] == "meanwhile":
+            why = f"to go on with {item['effect']} until then"
             out.append(Advised(why, ("add", item["effect"], data, "--model", model)))
         elif item["do"] == "try":
             why = f"to try {item['effect']}, which is not established"

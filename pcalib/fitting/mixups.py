@@ -76,10 +76,24 @@ class Nominal:
         return " and ".join(filter(None, (moved, turned))) if self.rms == self.rms else ""
 
     @property
+    def typical(self) -> float:
+        """[m] Within which half of the rows are."""
+        return float(np.median(self.error)) if len(self.error) else 0.0
+
+    @property
+    def limit(self) -> float:
+        """[m] Beyond which a row is far off."""
+        return max(8 * self.typical, LARGE)
+
+    @property
     def far(self) -> bool:
         """Whether the data are further from the nominal robot than careful manufacture leaves."""
-        typical = float(np.median(self.error)) if len(self.error) else 0.0
-        return typical > LARGE or self.turn > LARGE_TURN
+        return self.typical > LARGE or self.turn > LARGE_TURN
+
+    @property
+    def odd(self) -> np.ndarray:
+        """Rows that are far off where most are near."""
+        return np.zeros(0, int) if self.far else self.rows[self.error > self.limit]
 
 
 @dataclass(frozen=True)
@@ -132,6 +146,17 @@ FEWEST = 4
 """Different poses below which nothing is judged: a few poses fit any robot that is bent to them."""
 SHOWN = 3
 """Readings that are named where several explain the data alike."""
+
+
+def rows_apart(found: Nominal, data: Measurements) -> str:
+    """Which rows are far off where most are near, for a message; '' where none is."""
+    if not len(found.odd):
+        return ""
+    where = wording.lines(data.lines[found.odd])
+    return (
+        f"More than {found.limit * 1e3:.3g} mm from the nominal robot, where half of all are within "
+        f"{found.typical * 1e3:.2g} mm: {where}. Do command and measurement belong together?"
+    )
 
 
 def _shown(readings: tuple[tuple[str, str, str], ...]) -> tuple[tuple[str, str, str], ...]:
@@ -417,19 +442,27 @@ def _signed(value: float, unit: str) -> str:
 
 def _without_far_rows(data: Measurements, robot: Robot) -> Measurements:
     """The data without a few rows that are far off where most are near: they are named by themselves."""
-    found = compare(data, robot)
-    if not len(found.error) or found.far:
-        return data
-    far = found.rows[found.error > max(8 * float(np.median(found.error)), LARGE)]
-    return data.take(np.setdiff1d(np.arange(len(data)), far)) if len(far) < 0.2 * len(data) else data
+    far = compare(data, robot).odd
+    return data.take(np.setdiff1d(np.arange(len(data)), far)) if 0 < len(far) < 0.2 * len(data) else data
 
 
 def _error(point: np.ndarray, position: np.ndarray, frame: str) -> np.ndarray:
-    """(N,) [m] distances; in a tracker's frame after the best rigid registration (Kabsch)."""
+    """(N,) [m] distances; in a tracker's frame after the best rigid registration (Kabsch) of rows that go together."""
     if frame == "base":
         return np.linalg.norm(position - point, axis=1)
-    a, b = point - point.mean(axis=0), position - position.mean(axis=0)
-    return np.linalg.norm(b - a @ rotation.laying(a, b).T, axis=1)
+    some = _together(point, position)
+    at, to = point[some].mean(axis=0), position[some].mean(axis=0)
+    R = rotation.laying(point[some] - at, position[some] - to)
+    return np.linalg.norm(position - to - (point - at) @ R.T, axis=1)
+
+
+def _together(point: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """(N,) rows whose distances to half of the others are those of the robot: no registration is needed to see which
+    rows are far from everything, and one such row would spoil it. All rows where no half goes together."""
+    apart = np.linalg.norm(position[:, None] - position, axis=-1) - np.linalg.norm(point[:, None] - point, axis=-1)
+    off = np.median(np.abs(apart), axis=1)
+    some = off <= max(8 * float(np.median(off)), LARGE)
+    return some if some.mean() > 0.5 else np.ones(len(point), bool)
 
 
 def _rms(error: np.ndarray) -> float:

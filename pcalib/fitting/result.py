@@ -36,6 +36,7 @@ class Code(Enum):
     EFFECT_UNPHYSICAL = "effect_unphysical"
     LITTLE_WEIGHT = "little_weight"
     FAR_ROWS = "far_rows"
+    FAR_HELD_OUT = "far_held_out"
     UNSETTLED = "unsettled"
     OTHER_ROBOT = "other_robot"
     OUT_OF_REACH = "out_of_reach"

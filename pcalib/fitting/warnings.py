@@ -15,6 +15,9 @@ LEFT_OUT = 1.5
 """Warn when rotations that the level leaves out exceed this many σ (RMS): no noise of 20 readings or more does."""
 FAR = 6
 """Warn of rows more than this many times as far off as the median row: noise alone reaches 3 in a thousand rows."""
+APART, APART_LEAST = 20.0, 1e-3
+"""Warn of held-out rows that are so many times as far off as fitted ones (RMS), and more than this [m]: loads and
+temperatures that were not fitted leave less."""
 LIGHT = 0.5
 """Warn of rows whose robust weight is below this."""
 HELD = 0.5
@@ -102,6 +105,17 @@ def _far_rows(fit: Fit) -> Iterator[str]:
         yield (
             f"{_lines(lines)}: more than {FAR} times as far from the model as half of all rows; do command and "
             "measurement belong together? --loss huber gives such rows little weight"
+        )
+
+
+def _far_held_out(fit: Fit) -> Iterator[str]:
+    check = fit.data.check
+    length = np.linalg.norm(np.nan_to_num(fit.error[check, :3]), axis=1)
+    lines = fit.data.lines[check][length > max(APART * fit.accuracy.rms_pos, APART_LEAST)]
+    if len(lines):
+        yield (
+            f"held-out {_lines(lines)}: more than {APART:.0f} times as far off as the fitted rows; are they of this "
+            "robot, in these units? What is expected of landings counts them"
         )
 
 
@@ -211,6 +225,7 @@ _CHECKS: dict[Code, Callable[[Fit], Iterator[str]]] = {
     Code.EFFECT_UNPHYSICAL: _effect_unphysical,
     Code.LITTLE_WEIGHT: _little_weight,
     Code.FAR_ROWS: _far_rows,
+    Code.FAR_HELD_OUT: _far_held_out,
     Code.OTHER_ROBOT: _other_robot,
     Code.OUT_OF_REACH: _out_of_reach,
     Code.AT_BOUND: _at_bound,

@@ -30,6 +30,8 @@ from pcalib.unexplained import TOOL_MARGIN
 
 RISK = 0.05
 """Of accepting a robot that is not as good as asked for; the default of ISO 14253-1 for specification limits."""
+COMMANDED = 0.02
+"""Share of the noise below which misses were never measured: commands are rounded to less."""
 FEWEST = 8
 """Commands below which nothing is decided: with seven the scatter of the misses is known to a third."""
 MOST = 2000
@@ -143,6 +145,12 @@ def accept(
     miss, noise, used = miss[seen], noise[seen], used.take(seen)
     free = [c for c in range(3) if c not in model.robot.mechanism.task]
     miss[:, free], noise[:, free], noise[:, :, free] = 0.0, 0.0, 0.0
+    if len(miss) and np.mean(miss**2) < COMMANDED**2 * np.mean(np.trace(noise, axis1=1, axis2=2)) / 3:
+        raise InputError(
+            f"all positions are where the model says, within {100 * COMMANDED:.0f} % of the instrument's noise: these "
+            "are targets or commands, and nothing in them was measured", file=data.source,
+            remedy="write what the instrument read in place of x, y and z",
+        )  # fmt: skip
     _, of = np.unique(np.round(np.column_stack([used.q, used.tool]), 9), axis=0, return_inverse=True)
     of = of.ravel()
     count = int(of.max(initial=-1)) + 1

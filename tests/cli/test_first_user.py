@@ -1,0 +1,99 @@
+"""What a first user met: gross rows, rows in another unit, command files taken for measurements, joined files."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pcalib import cli, compensation
+from pcalib import robot as robots
+from pcalib.data import joining, measurement, table
+from pcalib.fitting import mixups
+from pcalib.model import Model
+from pcalib.rotation import exp
+
+TURN = exp(np.array([0.2, -0.1, 2.0]))
+
+
+@pytest.fixture(scope="module")
+def data(delta, perturb, measure):
+    """50 poses in a tracker's frame, of which the last ten are held out."""
+    check = np.arange(50) >= 40
+    found = measure(Model(delta, perturb(1), "complete"), 50, check=check)
+    position = found.position @ TURN.T + [2.0, 1.0, 0.3]
+    return replace(found, frame="tracker", position=position, rotation=TURN @ found.rotation)
+
+
+@pytest.fixture
+def run(tmp_path, delta, monkeypatch, capfd):
+    """A function that runs a command in a folder with the robot file, and gives its exit code and all that it says."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "delta.toml").write_text(delta.text)
+
+    def call(command):
+        code = cli.main(command.split())
+        said = capfd.readouterr()
+        return code, said.out + said.err
+
+    return call
+
+
+@pytest.mark.parametrize("spoil", [lambda x: 1e6 * x, lambda x: x / 25.4, lambda x: x * [-1, 1, 1]])
+def test_gross_rows_are_named_by_inspect_and_by_fit(data, run, spoil):
+    position = data.position.copy()
+    position[[4, 17, 30]] = spoil(position[[4, 17, 30]])
+    measurement.save("gross.csv", replace(data, position=position))
+    lines = "lines {}, {} and {}".format(*measurement.load("gross.csv").lines[[4, 17, 30]])
+    assert lines in run("inspect gross.csv --robot delta.toml")[1].replace("\n", " ")
+    code, said = run("fit gross.csv --robot delta.toml -o m.toml")
+    assert code != 0 and lines in said.replace("\n", " ")
+
+
+def test_rows_are_told_apart_without_a_registration(data, delta):
+    position = data.position.copy()
+    position[::4] = position[::4] / 25.4
+    found = mixups.compare(replace(data, position=position), delta)
+    assert set(found.odd) == set(range(0, 50, 4)) and found.typical < 1e-3
+
+
+def test_held_out_rows_in_another_unit_are_said_to_be_far_off(data, run):
+    position = np.where(data.check[:, None], data.position / 25.4, data.position)
+    measurement.save("held.csv", replace(data, position=position))
+    code, said = run("fit held.csv --robot delta.toml")
+    assert code == 0 and "times as far off as the fitted rows" in said.replace("\n", " ")
+
+
+def test_targets_are_no_measurements(data, run):
+    measurement.save("d.csv", data)
+    assert run("fit d.csv --robot delta.toml -o m.toml")[0] == 0
+    rng = np.random.default_rng(3)
+    x, y, z = (rng.uniform(-0.2, 0.2, 20), rng.uniform(-0.2, 0.2, 20), rng.uniform(-0.85, -0.75, 20))
+    table.write("t.csv", {"x_mm": 1e3 * x, "y_mm": 1e3 * y, "z_mm": 1e3 * z}, {})
+    assert run("compensate t.csv --model m.toml -o c.csv")[0] == 0
+    code, said = run("accept c.csv --model m.toml --within 100um")
+    assert code == 2 and "nothing in them was measured" in said.replace("\n", " ")
+
+
+def test_a_plan_carries_what_the_file_says_of_its_instrument(data):
+    text = measurement.instrument_metadata(replace(data, euler="xyz"))
+    assert text == {"frame": "tracker", "euler": "xyz"}
+    assert measurement.instrument_metadata(replace(data, frame="base")) == {}
+
+
+def test_rows_without_a_stated_noise_take_that_of_the_others(data):
+    silent = replace(data, stated=(False, False), sigma=2 * data.sigma, source="more.csv", euler="xyz")
+    joined = joining.join([data, silent])
+    assert joined.stated == (True, True)
+    assert joined.sigma == pytest.approx(np.concatenate([data.sigma, data.sigma]))
+    said = joining.differences([data, silent])
+    assert len(said) == 3 and "Euler angles xyz" in said[0] and "more.csv states no σ of positions" in said[1]
+
+
+def test_a_workspace_that_nobody_stated_refuses_no_target(delta, data):
+    start = delta.text.index("[workspace]")
+    rest = delta.text[start + 11 :]
+    text = delta.text[:start] + (rest[rest.index("\n[") + 1 :] if "\n[" in rest else "")
+    found = robots.parse(text)
+    assert not found.workspace.stated
+    high = np.array([[0.0, 0.0, found.workspace.z_max + 0.02]])
+    assert compensation.compensate(Model.nominal(found), high).status.tolist() == ["ok"]
