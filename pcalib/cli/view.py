@@ -3,6 +3,7 @@
     pcalib view out/demo
     pcalib view out/demo/demo.rrd --browser
     pcalib view m.toml --tool 0,0,0mm --tool 0,0,-300mm
+    pcalib view m.toml --follow
     pcalib view m.toml --save m.rrd --json m.view.json
 """
 
@@ -26,6 +27,7 @@ def command(
     payload: Annotated[np.ndarray | None, quantity("mass")] = None,
     save: BesideOption = None,
     browser: bool = False,
+    follow: bool = False,
     effect_file: EffectFiles = (),
     json: JsonOption = None,
 ) -> int | None:
@@ -41,6 +43,7 @@ def command(
         payload: Mass at the TCP, e.g. 1kg. For model files.
         save: Write the recording to this file, and open no viewer.
         browser: Show it in the browser instead of a window.
+        follow: Keep the window open, and show every step that is made of the model file from now on.
     """
     import shutil
     import tempfile
@@ -48,13 +51,14 @@ def command(
     from pcalib import files, ladder, modelfile, view
     from pcalib.cli import frame
     from pcalib.errors import InputError
+    from pcalib.model import Model
     from pcalib.uncertainty.maps import with_expected
-    from pcalib.view import viewer
+    from pcalib.view import following, viewer
     from pcalib.view.model import predicted
 
     if run.suffix != ".toml":
-        if tool or payload is not None:
-            raise InputError("--tool and --payload are for model files; a recording has its own", file=run)
+        if tool or payload is not None or follow:
+            raise InputError("--tool, --payload and --follow are for model files; a recording is what it is", file=run)
         found = viewer.recording_of(run)
         frame.write_json(json, {"schema": "pcalib.view/1", "run": run, "recording": save or found})
         if save is None:
@@ -70,7 +74,16 @@ def command(
     load = 0.0 if payload is None else float(payload[0])
     if load < 0:
         raise InputError("--payload: a payload cannot be negative", remedy="write e.g. 2kg")
-    what = with_expected(predicted(model, tools, load, effect_file), load, effect_file)
+
+    def drawn(now: Model) -> ladder.Ladder:
+        return with_expected(predicted(now, tools, load, effect_file), load, effect_file)
+
+    if follow:
+        if save is not None or browser:
+            raise InputError("--follow is for a window", remedy="leave --save and --browser out")
+        following.follow(run, viewer.Live(), drawn, effect_file)
+        return None
+    what = drawn(model)
     content = {"schema": "pcalib.view/1", "run": run, "recording": save, "source": what.source, "payload_kg": load}
     frame.write_json(json, content | ladder.as_json(what))
     if save is not None:

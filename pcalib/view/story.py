@@ -27,6 +27,7 @@ def write(
     model: Model | None = None,
     texts: Sequence[str] = (),
     identity: str | None = None,
+    last: bool = False,
 ) -> None:
     """Write a .rrd of a ladder.
 
@@ -34,6 +35,7 @@ def write(
         model: whose robot is drawn and whose parameters are listed in every step; each step's own when absent.
         texts: further markdown for each step's page.
         identity: name of the recording in the viewer; the file's name where absent.
+        last: show the last step first instead of the first one.
 
     Raises:
         InputError: the file cannot be written, or rerun is not there.
@@ -41,7 +43,7 @@ def write(
     sdk()
     body = skeleton(model or ladder.steps[0].model, rest(ladder.robot))
     style = scene.Style.of(ladder, body.size)
-    with recording(path, _blueprint(ladder, body, style), identity or Path(path).stem) as rec:
+    with recording(path, _blueprint(ladder, body, style, last), identity or Path(path).stem) as rec:
         scene.draw_robot(rec, "scene/robot", body)
         up = upwards(ladder.robot.mechanism)
         title = body.base.mean(axis=0) * (1 - up) + up * ((body.points @ up).max() + 0.15 * body.size)
@@ -63,7 +65,7 @@ def write(
         panels.log_curves(rec, ladder)
 
 
-def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style) -> rrb.Blueprint:
+def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style, last: bool) -> rrb.Blueprint:
     import rerun.blueprint as rrb
 
     up = upwards(ladder.robot.mechanism)
@@ -97,15 +99,18 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style) -> rrb.Bluepr
         right = rrb.Vertical(text, flat("ladder", title, panels.LADDER_BOUNDS), tabs, row_shares=[0.32, 0.33, 0.35])
     else:
         right = rrb.Vertical(text, tabs, row_shares=[0.3, 0.7])
-    return page(scenes, ladder.worst_tool, right, 0.62)
+    return page(scenes, ladder.worst_tool, right, 0.62, last)
 
 
-def page(scenes: Sequence[rrb.Spatial3DView], active: int, right: rrb.Vertical, share: float) -> rrb.Blueprint:
+def page(
+    scenes: Sequence[rrb.Spatial3DView], active: int, right: rrb.Vertical, share: float, last: bool = False
+) -> rrb.Blueprint:
     """A page that steps through a timeline: scenes above their colour bar, and other views on the right.
 
     Args:
         active: number of the scene that is shown first.
         share: share of the width that the scenes take.
+        last: begin at the end of the timeline.
     """
     import rerun.blueprint as rrb
 
@@ -119,7 +124,7 @@ def page(scenes: Sequence[rrb.Spatial3DView], active: int, right: rrb.Vertical, 
         rrb.TopPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=TIMELINE, fps=0.7, play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, fps=0.7, play_state="following" if last else "paused"),
         auto_layout=False,
         auto_views=False,
     )
