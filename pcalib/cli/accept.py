@@ -99,6 +99,8 @@ def _lines(found: Acceptance) -> list[str]:
         out.append("- No row was measured with this tool: its misses follow from the measured rotations.")
     if not found.unfitted:
         out.append("- No row is held out (set = check): that the model was not fitted to these rows is taken on trust.")
+    if found.registered:
+        out.append("- The tracker was set up anew: its frame is found from these rows, as a cell's frame is taught.")
     if found.decision is Decision.CANNOT_TELL:
         if found.enough is not None:
             out.append(f"- About {found.enough} commands with this instrument would settle it.")
@@ -126,6 +128,7 @@ def _json(found: Acceptance) -> dict[str, Any]:
         "tool_mm": found.tool * 1e3,
         "from_rotations": found.turned,
         "held_out": found.unfitted,
+        "registered_anew": found.registered,
         "commands_needed": found.enough,
         "sigma_needed_um": None if found.sigma is None else found.sigma * 1e6,
     }

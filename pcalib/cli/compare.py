@@ -100,7 +100,9 @@ def command(
         say(f"Recording written to {rrd}.")
     if residuals is not None:
         say(f"Residuals written to {residuals}.")
-    if hot:
+    if found.set_up_anew is not None:
+        say_next("changed", data, "--model", model, why="to find what changed on the robot beside that")
+    elif hot:
         say_next("diagnose", data, "--model", model, why="to find what the model misses")
     elif telling.stale(found):
         step = telling.mended(found.problem, str(model))

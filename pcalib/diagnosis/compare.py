@@ -59,6 +59,8 @@ class Comparison(Shown):
     position: np.ndarray
     """(N, 3) [m] predicted position of the measured point, measuring frame."""
     problem: Problem
+    set_up_anew: float | None = None
+    """[m] RMS of positions in the frame of a tracker that was set up anew; None where it stands where it stood."""
 
 
 def residual_columns(found: Comparison, data: Measurements) -> dict[str, np.ndarray | list[str]]:
@@ -90,6 +92,10 @@ def compare(
     """
     made = problem(model, data, own)
     error, p = linearisation.residuals(made.model, data)
+    moved = linearisation.set_up_anew(made.model, data)
+    anew = None
+    if moved is not None:
+        anew = float(np.sqrt(3 * np.nanmean(linearisation.residuals(moved, data)[0][:, :3] ** 2)))
     screen = made.screen(n_draws)
     test = adequacy.p_values(screen)
     null = adequacy.null_distribution(screen)
@@ -117,6 +123,7 @@ def compare(
         error=error,
         position=p.position,
         problem=made,
+        set_up_anew=anew,
     )
 
 

@@ -442,6 +442,9 @@ def comparison_sentence(c: Comparison) -> str:
     text = f"Model and measurements differ by {_apart(c.fit, turned)} RMS, {times:.1f} times the noise"
     if held is not None and c.check is not None:
         text += f"; held-out poses by {_apart(c.check, turned)}, {held:.1f} times"
+    if c.set_up_anew is not None:
+        left = size(c.set_up_anew)
+        return f"{text}. The tracker was set up anew: in the frame that suits these rows {left} RMS is left."
     hot, left = hot_cells(c.cells), c.misfit.times_noise
     spare = f" for the {c.misfit.dof} readings to spare" if (hot or c.misfit.p < HOT) and times < 1 else ""
     if hot:

@@ -30,6 +30,10 @@ def chunks(n: int) -> Iterator[slice]:
     return (slice(start, min(start + ROWS, n)) for start in range(0, n, ROWS))
 
 
+MOVED, ANEW = 1e-3, 10.0
+"""[m] RMS from which on, and times what is left in another frame, a tracker is said to have been set up anew."""
+FEWEST_ANEW = 6
+"""Rows that say so: a frame has six numbers, and six positions eighteen."""
 TURNED = np.radians(1.0)
 """[rad] mean turn of the plate from the drawing, in a tracker's frame, from which on the tracked body's own axes are
 unknowns: the tolerances of parts turn no plate so far, and who glues a target on does not align it better."""
@@ -337,6 +341,27 @@ def register(model: Model, data: Measurements) -> Frame:
     a, b = p.position[full], data.position[full]
     R = rotation.laying(a - a.mean(0), b - b.mean(0))
     return Frame(R, b.mean(0) - R @ a.mean(0), turn=_turn(R @ p.rotation[full], data.rotation[full]))
+
+
+def set_up_anew(model: Model, data: Measurements) -> Model | None:
+    """The model in the frame in which a tracker that was set up anew reads; None where it stands where it stood.
+
+    The target sits on the plate as it sat. A model that is merely worse than it was is never off by so much.
+    """
+    if data.frame != "tracker" or model.frame is None:
+        return None
+    before, p = residuals(model, data)
+    full = ~np.isnan(data.position).any(axis=1) & (p.status == "ok")
+    if full.sum() < FEWEST_ANEW:
+        return None
+    middle, here = p.position[full].mean(axis=0), data.position[full].mean(axis=0)
+    R = rotation.laying(p.position[full] - middle, data.position[full] - here)
+    old = model.frame
+    frame = replace(old, rotation=R @ old.rotation, translation=here + R @ (old.translation - middle))
+    moved = replace(model, frame=frame)
+    after = residuals(moved, data)[0]
+    was, now = (float(np.sqrt(np.mean(e[full][:, :3] ** 2))) for e in (before, after))
+    return moved if was > MOVED and was > ANEW * now else None
 
 
 def _turn(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray | None:

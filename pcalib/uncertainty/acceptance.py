@@ -22,7 +22,7 @@ import numpy as np
 from pcalib import prediction
 from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
-from pcalib.fitting.linearisation import residuals
+from pcalib.fitting.linearisation import residuals, set_up_anew
 from pcalib.model import Model
 from pcalib.rotation import hat
 from pcalib.uncertainty import radius
@@ -74,6 +74,8 @@ class Acceptance:
     """[m] 1σ per component of an instrument that would decide with as many commands; None where none would."""
     unfitted: bool
     """Whether the rows were held out from the fit; else nothing shows that they are new."""
+    registered: bool = False
+    """Whether the tracker was set up anew, and its frame found from these rows."""
 
     @property
     def guard(self) -> float:
@@ -139,7 +141,8 @@ def accept(
     """
     held = bool(data.check.any())
     used = data.take(data.check) if held else data
-    error, p = residuals(model, used)
+    anew = set_up_anew(model, used)
+    error, p = residuals(model if anew is None else anew, used)
     miss, noise, turned = _at_tool(error, p, used, tool)
     seen = np.asarray(np.isfinite(miss).all(axis=1))
     miss, noise, used = miss[seen], noise[seen], used.take(seen)
@@ -160,6 +163,8 @@ def accept(
             remedy=f"measure at least {FEWEST} commands that the model was not fitted to",
         )
     each = np.bincount(of, np.sum(miss**2, axis=1)) / np.bincount(of)
+    if anew is not None:  # the frame took six of the numbers
+        each *= 3 * len(miss) / max(3 * len(miss) - 6, 1)
     mean_noise = float(np.mean(np.trace(noise, axis1=1, axis2=2)))
     left = miss.T @ miss / len(miss) - noise.mean(axis=0)
     values, axes = np.linalg.eigh(left)
@@ -180,7 +185,7 @@ def accept(
     return Acceptance(
         decision, within, risk, limits[1], limits[0], limits[2], noise_radius, count, len(miss), where, turned,
         _enough(found, within, risk) if decision is Decision.CANNOT_TELL else None,
-        _instrument(found, within, risk) if decision is Decision.CANNOT_TELL else None, held,
+        _instrument(found, within, risk) if decision is Decision.CANNOT_TELL else None, held, anew is not None,
     )  # fmt: skip
 
 

@@ -74,6 +74,20 @@ def test_targets_are_no_measurements(data, run):
     assert code == 2 and "nothing in them was measured" in said.replace("\n", " ")
 
 
+def test_a_tracker_that_was_set_up_anew_is_no_miss_of_the_robot(data, run):
+    turn = exp(np.array([0.0, 0.02, 0.4]))
+    moved = replace(data, position=data.position @ turn.T + [0.1, -0.2, 0.0], rotation=turn @ data.rotation)
+    measurement.save("d.csv", data.take(~data.check))
+    again = moved.take(moved.check)
+    measurement.save("again.csv", replace(again, check=~again.check))
+    assert run("fit d.csv --robot delta.toml -o m.toml")[0] == 0
+    code, said = run("accept again.csv --model m.toml --within 150um")
+    assert code == 0 and "its frame is found from these rows" in said.replace("\n", " ")
+    code, said = run("compare again.csv --model m.toml")
+    assert "The tracker was set up anew" in said.replace("\n", " ") and "pcalib changed again.csv" in said
+    assert run("accept again.csv --model m.toml --within 1um")[0] == 1
+
+
 def test_a_plan_carries_what_the_file_says_of_its_instrument(data):
     text = measurement.instrument_metadata(replace(data, euler="xyz"))
     assert text == {"frame": "tracker", "euler": "xyz"}
