@@ -113,6 +113,9 @@ class Sensor(ABC):
         """What it should read at poses with values of the blocks."""
 
 
+_TRIES = 30
+"""Evaluations of a set-up's residuals from one start: a good one takes ten, one beside a gross reading any number."""
+
 Function = Callable[[np.ndarray], np.ndarray]
 """Of the unknowns of a set-up: (n,) residuals, or their (n, p) derivatives."""
 
@@ -126,7 +129,7 @@ def best(residual: Function, starts: Sequence[np.ndarray], slopes: Function | No
     from scipy.optimize import least_squares
 
     jac: Any = "2-point" if slopes is None else slopes
-    found = [least_squares(residual, start, jac=jac, x_scale="jac") for start in starts]
+    found = [least_squares(residual, start, jac=jac, x_scale="jac", max_nfev=_TRIES) for start in starts]
     return min(found, key=lambda one: one.cost).x
 
 
