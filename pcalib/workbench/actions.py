@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +17,10 @@ ACTIONS = (
 )  # fmt: skip
 CHAINS = {"begin": ("inspect", "fit", "compare", "diagnose", "view"), "add": ("add", "compare", "diagnose", "view")}
 """What follows by itself: new data are fitted, and every new model is looked at."""
+
+LISTED = re.compile(r"[a-z]\w*([:@][\w.]+)*", re.ASCII)
+"""A listed effect, level or part, with its variant. A file of the user's own never matches: a page, or the record of a
+session that came from elsewhere, must not run code."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +78,14 @@ def task(action: str, session: Session, asked: Mapping[str, str]) -> Task:
         raise InputError("a data file and a robot file are needed first")
     data, robot, fresh = session.data, session.robot, session.fresh()
     step, effect = session.step, asked.get("effect", "")
-    if effect.startswith("-"):
-        raise InputError(f"'{effect}' is no effect")
+    for key, value in asked.items():
+        if value.startswith("-") and key != "tool":
+            raise InputError(f"'{value}' is no {key}")
+    for spec in (effect, *asked.get("between", "").replace("+", ",").split(",")):
+        if spec and not LISTED.fullmatch(spec):
+            raise InputError(
+                f"'{spec}' is no listed effect", remedy="effects of your own run from the command line only: pcalib add"
+            )
     if action == "inspect":
         return Task(action, "Looking at the data", ("inspect", data, "--robot", robot, "--json", "inspect.json"), asked)
     if action == "fit":

@@ -149,6 +149,23 @@ class TestActions:
         assert actions.task("add", now, {"effect": "backlash"}).words[:4] == ("add", "backlash", "d.csv", "--model")
         with pytest.raises(InputError, match="is no effect"):
             actions.task("add", now, {"effect": "--report"})
+        with pytest.raises(InputError, match="is no targets"):
+            actions.task("compensate", now, {"targets": "--effect-file=x.py"})
+
+    @pytest.mark.parametrize("spec", ["x.py:Mine", "laws/x.py:Mine", "../x.py", "a,x.py:Mine", "gear_ratio;x"])
+    @pytest.mark.parametrize("action", ["look", "try", "add", "plan"])
+    def test_no_code_of_a_file_runs_from_a_page_or_from_a_record(self, tmp_path, action, spec):
+        now = session.Session("d.csv", "r.toml", (session.Step("complete", "model1.toml", {}),), source=tmp_path)
+        asked = {"between": f"backlash,{spec}"} if action == "plan" else {"effect": spec}
+        with pytest.raises(InputError, match="is no listed effect"):
+            actions.task(action, now, asked)
+        with pytest.raises(InputError, match="is no listed effect"):
+            actions.queue([session.Wanted(action, asked)], now)
+
+    @pytest.mark.parametrize("spec", ["thermal_rods", "encoder_eccentricity:arm", "gear_ripple:arm@17.3"])
+    def test_listed_effects_and_their_variants_run(self, tmp_path, spec):
+        now = session.Session("d.csv", "r.toml", (session.Step("complete", "model1.toml", {}),), source=tmp_path)
+        assert actions.task("add", now, {"effect": spec}).words[1] == spec
 
     def test_a_command_that_fails_takes_those_behind_it_along(self, tmp_path):
         ended: list[Task] = []
