@@ -40,7 +40,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
-from cyclopts.exceptions import CycloptsError, UnknownCommandError, UnusedCliTokensError
+from cyclopts.exceptions import CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
 from cyclopts.validators import Number
 
 from pcalib.cli import _guard
@@ -235,6 +235,8 @@ def _usage(program: App, error: CycloptsError) -> str:
         names = [n for n in program if not n.startswith("-")]
         given = (error.unused_tokens or [""])[0]
         message = f"unknown option '{given}'" if given.startswith("-") else unknown("command", given, names)
+    elif isinstance(error, MissingArgumentError) and error.argument is not None:
+        message = f"{error.argument.name} is missing, or has no value"
     else:
         message = str(error).strip()  # not for the above: cyclopts would import every command to write it
     name = f"{program.name[0]} {chain}".strip()

@@ -255,6 +255,7 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
         InputError: whatever cannot be used, with file, line, column and remedy.
     """
     table = spelling.read(path)
+    spelling.require_commands(table)
     names, dimension = cols.actuators(table, robot)
     plain = (*orientation.QUATERNION, *(f"dir{i + 1}" for i in range(len(names))), "pose_id", "set", *sensed.targets())
     keys = sigmas.KEYS | sigmas.AXES | sensed.sigma_keys()

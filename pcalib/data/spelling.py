@@ -25,6 +25,7 @@ _UNITS = {"°": "deg", "degree": "deg", "degrees": "deg", "µm": "um", "μm": "u
 _COMMAND = re.compile(r"q\d+(_.*)?")
 _DRIVE = re.compile(r"(?!dir)[^\W\d_]+[ _]?(\d+)")
 """Names of joints in the exports of controllers and trackers: J1, Axis 1, theta_1, Achse1."""
+_DRIVE_WITH_UNIT = re.compile(r"(?!dir)[^\W\d_]+[ _]?(\d+)_(deg|rad|mrad|rev|mm|um|m)")
 _OTHERS = {"x": "x_mm", "y": "y_mm", "z": "z_mm", "rx": "rx_deg", "ry": "ry_deg", "rz": "rz_deg"} | {
     "a": "rz_deg", "b": "ry_deg", "c": "rx_deg", "roll": "rx_deg", "pitch": "ry_deg", "yaw": "rz_deg"
 }  # fmt: skip
@@ -48,6 +49,21 @@ def read(path: str | Path) -> Table:
     for name in (name for name in named if named.count(name) > 1):
         raise table.error(f"two columns are called '{name}', however they are spelled", remedy="keep one of them")
     return replace(table, columns=dict(zip(named, table.columns.values(), strict=True)))
+
+
+def require_commands(table: Table) -> None:
+    """Refuse a table of measurements whose commands have another name, with the line that reads them.
+
+    Raises:
+        InputError: no column is called q1, q2, …, and some are called as controllers call their joints.
+    """
+    joints = [name for name in table.columns if _DRIVE_WITH_UNIT.fullmatch(name)]
+    if joints and not any(map(_COMMAND.fullmatch, table.columns)):
+        line = ",".join(_DRIVE_WITH_UNIT.sub(r"q\1_\2", name) for name in table.columns)
+        raise table.error(
+            f"no column holds the commands q1, q2, …, and {', '.join(joints)} look like them",
+            remedy=f"if they are, write this line above the header: # columns = {line}",
+        )
 
 
 def _plain(name: str) -> str:

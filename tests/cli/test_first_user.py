@@ -88,6 +88,13 @@ def test_a_tracker_that_was_set_up_anew_is_no_miss_of_the_robot(data, run):
     assert run("accept again.csv --model m.toml --within 1um")[0] == 1
 
 
+def test_joints_of_a_controller_are_given_the_line_that_reads_them(run, tmp_path):
+    (tmp_path / "j.csv").write_text("J1 [deg];J2 [deg];J3 [deg];X [mm];Y [mm];Z [mm];Load [kg]\n1;2;3;4;5;-800;0\n")
+    code, said = run("inspect j.csv --robot delta.toml")
+    assert code == 2 and "# columns = q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm,Load_kg" in said.replace("\n", "")
+    assert "--robot is missing" in run("fit j.csv")[1]
+
+
 def test_a_plan_carries_what_the_file_says_of_its_instrument(data):
     text = measurement.instrument_metadata(replace(data, euler="xyz"))
     assert text == {"frame": "tracker", "euler": "xyz"}
