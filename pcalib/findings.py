@@ -163,13 +163,19 @@ def joint_coverage(data: Measurements, robot: Robot | None) -> Iterator[Finding]
         )  # fmt: skip
 
 
+MASS = ("_kg", "_g")
+"""Ends of the names of columns that hold masses."""
+
+
 def conditions(data: Measurements) -> Iterator[Finding]:
     """Payload, direction, temperature and time: what their lack hides."""
     if np.ptp(data.payload) == 0:
+        masses = [name for name in data.columns if name.endswith(MASS) and np.ptp(data.columns[name]) > 0]
+        unread = "".join(f" Is {m} the payload? Name that column payload_{m.rpartition('_')[2]}." for m in masses[:1])
         yield Finding(
             "warning", "no_payload_variation",
             f"All rows carry the same payload ({data.payload[0]:g} kg): most of the compliance under gravity hides in "
-            "the geometry; measure some poses with another payload to tell them apart.",
+            f"the geometry; measure some poses with another payload to tell them apart.{unread}",
         )  # fmt: skip
     directions = {n: v for n, v in data.columns.items() if is_direction(n)}
     if not directions or not any(v.any() for v in directions.values()):

@@ -95,6 +95,15 @@ def test_joints_of_a_controller_are_given_the_line_that_reads_them(run, tmp_path
     assert "--robot is missing" in run("fit j.csv")[1]
 
 
+def test_a_column_of_masses_by_another_name_is_asked_about(data, run):
+    measurement.save("d.csv", replace(data, payload=np.arange(50) % 3.0))
+    text = open("d.csv", encoding="utf-8").read().replace("payload_kg", "Load_kg")
+    with open("d.csv", "w", encoding="utf-8") as file:
+        file.write(text)
+    said = run("inspect d.csv --robot delta.toml")[1].replace("\n", " ").split()
+    assert "Is Load_kg the payload? Name that column payload_kg." in " ".join(said)
+
+
 def test_a_plan_carries_what_the_file_says_of_its_instrument(data):
     text = measurement.instrument_metadata(replace(data, euler="xyz"))
     assert text == {"frame": "tracker", "euler": "xyz"}
