@@ -27,6 +27,7 @@ from pcalib.fitting.identification import Fit
 from pcalib.ladder import ErrorMap, Ladder, Step
 from pcalib.model import Model
 from pcalib.robot import Robot
+from pcalib.uncertainty import assessed
 from pcalib.uncertainty.maps import with_expected
 from pcalib.workspace import reachable
 
@@ -135,8 +136,8 @@ def climb(data: Measurements, robot: Robot, method: Method) -> Step:
     if not method.identifies:
         return Step(method.name, method.label, Model.nominal(robot), "none", method.text)
     fit = method.identify(data, robot)
-    figures = summary.statistics(fit)
-    model = replace(fit.model, history=(modelfile.snapshot(fit.model, "fit", data=data.source, **figures),))
+    figures, model = summary.statistics(fit), assessed(fit)
+    model = replace(model, history=(modelfile.snapshot(model, "fit", data=data.source, **figures),))
     text = f"{robot.mechanism.levels[model.level].text} {method.text}".rstrip()
     return Step(method.name, method.label, model, method.compensation, text, fit)
 

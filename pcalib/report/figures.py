@@ -107,7 +107,7 @@ def maps(what: Ladder, tool: int, steps: Sequence[int], planes: int = 4) -> str:
     field = what.maps[tool]
     rows = [(what.steps[s].label, field.distance[s]) for s in steps]
     if field.expected is not None and np.isfinite(field.expected.u95[steps[-1]]).any():
-        rows.append(("95 % within", field.expected.u95[steps[-1]]))
+        rows.append(("expected, 95 %", field.expected.u95[steps[-1]]))
     seen = np.concatenate([values for _, values in rows])
     scale = LogScale.of(np.concatenate([what.rms.ravel(), seen[np.isfinite(seen)].max(initial=0.0)[None]]))
     return slices(rows, field.targets, what.robot.workspace.radius, scale, planes)

@@ -150,13 +150,29 @@ def _left_out(fit: Fit) -> _Rows:
         error[part] = (back @ (alone @ whitened[..., None]))[..., 0]
         inner = np.where(held[:, None, None], eye + H, alone)
         covariance[part] = back @ inner @ np.swapaxes(back, -1, -2)
-    seen = noise.measured & np.isfinite(fit.error)
+    aside = _rotations_left_out(fit, noise.measured)
+    error = np.where(np.isfinite(aside), aside, error)
+    covariance += np.where(np.isfinite(aside), data.sigma**2, 0.0)[:, :, None] * eye
+    seen = (noise.measured & np.isfinite(fit.error)) | np.isfinite(aside)
     times = np.sqrt(np.sum((error / noise.sigma) ** 2 * seen, axis=1) / np.maximum(seen.sum(axis=1), 1))
     usable = seen.any(axis=1)
     far = usable & (times > FAR * np.median(times[usable])) if usable.any() else ~usable
     if far.mean() > GROSS:
         far = np.zeros(n, bool)
     return _Rows(np.where(seen, error, 0.0), covariance, seen, np.asarray(usable & ~far))
+
+
+def _rotations_left_out(fit: Fit, measured: np.ndarray) -> np.ndarray:
+    """(N, 6) [rad] errors of rotations that were measured and that the level leaves out of the fit; NaN elsewhere.
+
+    They show what turns the plate all the same. In a tracker's frame their mean is the turn of the tracked body, which
+    no level without rotations finds.
+    """
+    out = np.where(fit.data.mask & ~measured, fit.error, np.nan)
+    out[:, :3] = np.nan
+    if fit.candidate.frame is not None and np.isfinite(out).any():
+        out[:, 3:] -= np.nanmean(out[:, 3:], axis=0)
+    return out
 
 
 def _derivatives(fit: Fit, noise: Noise) -> Iterator[tuple[slice, np.ndarray]]:

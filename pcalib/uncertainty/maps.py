@@ -11,7 +11,7 @@ from pcalib import workspace
 from pcalib.ladder import ErrorMap, Expected, Ladder, Step
 from pcalib.model import Conditions, Model
 from pcalib.uncertainty import radius, rivals
-from pcalib.uncertainty.outlook import at_targets, usual_columns
+from pcalib.uncertainty.outlook import at_targets, longest_tool, usual_columns
 
 
 def with_expected(ladder: Ladder, payload: float = 0.0, effect_files: Sequence[str] = ()) -> Ladder:
@@ -21,8 +21,8 @@ def with_expected(ladder: Ladder, payload: float = 0.0, effect_files: Sequence[s
         payload: [kg] at the TCP.
         effect_files: the user's own effects that kept rival explanations may need.
     """
-    models = [step.model for step in ladder.steps]
-    if not any(model.posterior is not None and model.uncertainty is not None for model in models):
+    models = [step.model if _states(step) else None for step in ladder.steps]
+    if not any(models):
         return ladder
     maps = tuple(replace(field, expected=_expected(models, field, payload, effect_files)) for field in ladder.maps)
     return replace(ladder, maps=maps)
@@ -31,16 +31,20 @@ def with_expected(ladder: Ladder, payload: float = 0.0, effect_files: Sequence[s
 def of_model(model: Model, effect_files: Sequence[str] = ()) -> Ladder:
     """One model with what it expects over the workspace, at the plate and with the longest tool that was measured."""
     plate = workspace.workspace_grid(model.robot)
-    span = np.zeros((3, 2)) if model.uncertainty is None else model.uncertainty.measured.tool
-    longest = np.where(np.abs(span[:, 0]) > np.abs(span[:, 1]), span[:, 0], span[:, 1])
+    longest = longest_tool(model)
     nothing, reached = np.zeros((1, *plate.shape)), np.full((1, len(plate)), "ok")
     tools = [np.zeros(3), *([longest] if longest.any() else [])]
     maps = tuple(ErrorMap(tool, plate + tool, nothing, reached) for tool in tools)
     return with_expected(Ladder(model.robot, (Step("model", "Calibrated", model),), maps), effect_files=effect_files)
 
 
+def _states(step: Step) -> bool:
+    """Whether the model of a step says what to expect of its commands: it does so of exact ones."""
+    return step.method == "exact" and step.model.posterior is not None and step.model.uncertainty is not None
+
+
 def _expected(
-    models: Sequence[Model], field: ErrorMap, payload: float, effect_files: Sequence[str]
+    models: Sequence[Model | None], field: ErrorMap, payload: float, effect_files: Sequence[str]
 ) -> Expected:
     covariance = np.stack([_over(model, field, payload, effect_files) for model in models])
     known = np.asarray(np.isfinite(covariance).all(axis=(2, 3)))
@@ -49,10 +53,10 @@ def _expected(
     return Expected(covariance, u95, np.array(pooled))
 
 
-def _over(model: Model, field: ErrorMap, payload: float, effect_files: Sequence[str]) -> np.ndarray:
-    """(P, 3, 3) [m²]; NaN where the model states no uncertainty, or where the robot cannot go."""
+def _over(model: Model | None, field: ErrorMap, payload: float, effect_files: Sequence[str]) -> np.ndarray:
+    """(P, 3, 3) [m²]; NaN without a model, and where the robot cannot go."""
     n = len(field.targets)
-    if model.posterior is None or model.uncertainty is None:
+    if model is None:
         return np.full((n, 3, 3), np.nan)
     conditions = Conditions(np.broadcast_to(field.tool, (n, 3)), np.full(n, payload), usual_columns(model, n))
     known = rivals.models(model, effect_files)

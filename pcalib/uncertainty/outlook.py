@@ -60,9 +60,7 @@ def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model
     kept = model.uncertainty
     assert kept is not None
     plate = workspace.workspace_grid(model.robot)
-    span = kept.measured.tool
-    farthest = np.where(np.abs(span[:, 0]) > np.abs(span[:, 1]), span[:, 0], span[:, 1])
-    chosen = farthest if tool is None else np.asarray(tool, float)
+    chosen = longest_tool(model) if tool is None else np.asarray(tool, float)
     n = len(plate)
     conditions = Conditions(
         np.broadcast_to(chosen, plate.shape), np.full(n, kept.measured.payload[1]), usual_columns(model, n)
@@ -80,6 +78,14 @@ def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model
     some = conditions.take(good)
     beside = taught(model, expected, q[good], some)
     return Outlook(wanted[good], expected, radius.pooled(expected.covariance), parts, some, model, beside)
+
+
+def longest_tool(model: Model) -> np.ndarray:
+    """(3,) [m] the farthest that was measured along each axis; zero where that is not known."""
+    if model.uncertainty is None:
+        return np.zeros(3)
+    low, high = model.uncertainty.measured.tool.T
+    return np.where(np.abs(low) > np.abs(high), low, high)
 
 
 def at_targets(

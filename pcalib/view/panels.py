@@ -48,7 +48,7 @@ def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str]
             ]
             stated = [np.nan if m.expected is None else float(m.expected.pooled[s]) for m in ladder.maps]
             if np.isfinite(stated).any():
-                lines.append("| " + " | ".join(["95 % may be within", *(size(v) for v in stated)]) + " |")
+                lines.append("| " + " | ".join(["expected, 95 % within", *(size(v) for v in stated)]) + " |")
             lines.append("")
         if step.fit is not None:
             lines += [_fit_line(step), ""]
@@ -68,7 +68,7 @@ def _fit_line(step: Step) -> str:
     text = f"Residual {size(step.fit.accuracy.rms_pos)} RMS on {step.fit.accuracy.n_rows} fitted poses"
     if step.fit.check is not None:
         text += f", {size(step.fit.check.rms_pos)} on {step.fit.check.n_rows} held out"
-    return text + f"; {step.fit.n_identified} directions told."
+    return text + f"; {step.fit.n_identified} combinations of parameters are identified."
 
 
 def log_curves(rec: rr.RecordingStream, ladder: Ladder) -> None:

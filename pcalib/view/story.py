@@ -71,16 +71,17 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style, last: bool) -
     up = upwards(ladder.robot.mechanism)
     tools = [panels.tool_path(i, field) for i, field in enumerate(ladder.maps)]
     may = ("may_miss", "may_miss_title")
+    drawn: dict[str, tuple[str, ...]] = {"misses": ("error", *may)}
+    drawn[f"misses, all steps ×{style.gain:g}"] = ("error_of_step", *may)
+    if any(field.expected is not None for field in ladder.maps):
+        drawn["may miss (95 %)"] = ("error", "error_of_step", "target", "title")
     scenes = [
-        solid(_of(tool, out, *may), f"{field.label}{scale}", body, field, up)
-        for out, scale in (("error", ""), ("error_of_step", f" · all steps ×{style.gain:g}"))
-        for tool, field in zip(tools, ladder.maps, strict=True)
-    ]
-    scenes += [
-        solid(_of(tool, "error", "error_of_step", "target", "title"), f"{field.label} · may miss", body, field, up)
-        for tool, field in zip(tools, ladder.maps, strict=True)
-        if field.expected is not None
-    ]
+        rrb.Tabs(
+            *(solid(_of(tool, *out), m.label, body, m, up) for tool, m in zip(tools, ladder.maps, strict=True)),
+            name=name, active_tab=ladder.worst_tool,
+        )
+        for name, out in drawn.items()
+    ]  # fmt: skip
     landings = [flat(f"landing/{panels.tool_path(i, m)}", m.label, _square(style)) for i, m in enumerate(ladder.maps)]
     details: list = [rrb.TextDocumentView(origin="text/parameters", name="parameters")]
     if len(ladder.steps) > 1:
@@ -99,11 +100,11 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style, last: bool) -
         right = rrb.Vertical(text, flat("ladder", title, panels.LADDER_BOUNDS), tabs, row_shares=[0.32, 0.33, 0.35])
     else:
         right = rrb.Vertical(text, tabs, row_shares=[0.3, 0.7])
-    return page(scenes, ladder.worst_tool, right, 0.62, last)
+    return page(scenes, 0, right, 0.62, last)
 
 
 def page(
-    scenes: Sequence[rrb.Spatial3DView], active: int, right: rrb.Vertical, share: float, last: bool = False
+    scenes: Sequence[rrb.Spatial3DView | rrb.Tabs], active: int, right: rrb.Vertical, share: float, last: bool = False
 ) -> rrb.Blueprint:
     """A page that steps through a timeline: scenes above their colour bar, and other views on the right.
 

@@ -44,7 +44,8 @@ def test_the_files_are_what_they_say(run, delta):
     truth = truths.load(folder / "data.truth.toml")
     for step in found["steps"][1:]:
         model = modelfile.load(folder / f"{step['name']}.toml")
-        assert model.robot.name == "delta" and len(model.history) == 1
+        assert model.robot.name == "delta" and len(model.history) == 1 and model.uncertainty is not None
+    assert "expected, 95 %" in (folder / "report.html").read_text(encoding="utf-8")  # a row of the maps
     # Truth and data belong together: what was measured is where this robot stands, to the noise.
     landing = truth.machine().land(data.q, data.tool)
     assert np.sqrt(np.mean((landing.tcp - data.position) ** 2)) == pytest.approx(2e-5, rel=0.2)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pcalib import compensation, effects, modelfile, prediction, workspace
+from pcalib import compensation, effects, modelfile, prediction, rotation, workspace
 from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 from pcalib.fitting import identification
@@ -106,6 +106,25 @@ def test_what_turns_the_plate_grows_with_the_tool(delta, perturb, measure, rotat
     arm = np.array([[0.0, 0, 0], [0, 0, -0.3]])
     small, large = radius.containing(kept.covariance(arm))
     assert large > 5 * small
+
+
+@pytest.mark.parametrize("tracked", [False, True])
+def test_rotations_that_a_level_leaves_out_still_show_what_turns_the_plate(delta, perturb, measure, tracked):
+    """A level of perfect parallelograms fits positions without a tool, and misses with one as the plate is tilted."""
+    truth = Model.nominal(delta).with_geometry(perturb(5))
+    data = measure(truth, 60, 3)
+    if tracked:
+        turn, body = rotation.exp(np.array([0.1, 0.2, 1.0])), rotation.exp(np.array([0.0, 0.1, 0.5]))
+        data = replace(data, frame="tracker", position=data.position @ turn.T, rotation=turn @ data.rotation @ body)
+    model = assessed(identification.fit(data, delta, "model24"))
+    model = replace(model, frame=None)
+    tool = np.array([0.0, 0.0, -0.3])
+    wanted = workspace.reachable(delta, 50, np.random.default_rng(4)).pose.x + tool
+    conditions = Conditions(np.broadcast_to(tool, wanted.shape), np.zeros(50))
+    q = compensation.compensate(model, wanted, conditions=conditions, limits=False).q
+    miss = np.linalg.norm(prediction.predict(truth, q, conditions).position - wanted, axis=1)
+    u95 = expect(model, q, conditions).u95
+    assert np.mean(miss <= u95) >= 0.9 and u95.mean() < 3 * np.quantile(miss, 0.95)
 
 
 def test_what_was_never_measured_is_named(data, delta):

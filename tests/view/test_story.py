@@ -105,7 +105,7 @@ def test_what_models_expect_is_drawn_as_ellipsoids_on_one_scale(ladder, tmp_path
     assert not found[0].get("half_sizes")
     [title] = read(tmp_path / "e.rrd", "scene/tool_0_mm/may_miss_title")[STEPS - 1]["labels"]
     assert "95 % of landings within 60.0 µm" in title
-    assert "95 % may be within" in str(read(tmp_path / "e.rrd", "text/step")[STEPS - 1])
+    assert "expected, 95 % within" in str(read(tmp_path / "e.rrd", "text/step")[STEPS - 1])
 
 
 def test_the_robot_is_drawn_where_it_stands(written, ladder, delta, read):
