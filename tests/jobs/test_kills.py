@@ -2,7 +2,7 @@
 
 import json
 
-from bench.jobs import kills
+from bench.jobs.attack import kills
 
 
 def test_a_simulation_that_is_killed_ends_as_one_left_alone(tmp_path):

@@ -24,9 +24,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.jobs.attack.corpus import TRUTH
 from pcalib.cli import frame
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PROGRAM = "import sys; from {}.cli import main; sys.exit(main())"
 MARK = "PCALIB_KILLED"
 """Variable of the environment by which all processes of a command are known."""
@@ -49,17 +50,6 @@ sigma_angle_deg = 0.05
 targets = 50
 [output]
 part_robots = 2
-"""
-TRUTH = """\
-robot = "robot.toml"
-[geometry]
-sigma_length_mm = 0.1
-seed = 1
-[instrument]
-sigma_pos_mm = 0.02
-sigma_rot_deg = 0.005
-[faults.drive_compliance]
-compliance_urad_Nm = 10
 """
 
 

@@ -6,7 +6,8 @@ import re
 
 import numpy as np
 
-from bench.jobs.campaign import profile, torture
+from bench.jobs.attack import kills
+from bench.jobs.campaign import profile
 
 
 def test_the_command_shows_times_and_memory(capsys):
@@ -21,6 +22,6 @@ def test_the_command_shows_times_and_memory(capsys):
 
 
 def test_no_program_has_a_version_of_its_own(capsys):
-    for program in (profile, torture):
+    for program in (profile, kills):
         assert program.main(["--version"]) == 2
         assert "--version" in capsys.readouterr().err
