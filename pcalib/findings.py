@@ -12,8 +12,9 @@ from pcalib.data import orientation
 from pcalib.data.columns import TEMPERATURES
 from pcalib.data.measurement import Measurements
 from pcalib.data.replicates import Noise, groups
-from pcalib.fitting import mixups
-from pcalib.fitting.mixups import Judgement, Nominal
+from pcalib.fitting import as_drawn, mixups
+from pcalib.fitting.as_drawn import Nominal
+from pcalib.fitting.mixups import Judgement
 from pcalib.robot import Robot
 from pcalib.uncertainty.forecast import Forecast
 
@@ -391,7 +392,7 @@ def against_nominal(data: Measurements, nominal: Nominal, judged: Judgement) -> 
         )  # fmt: skip
     elif judged.tried and judged.far:
         yield Finding("warning", "far_from_drawing", said, advice)
-    elif apart := mixups.rows_apart(nominal, data):
+    elif apart := as_drawn.rows_apart(nominal, data):
         yield Finding("warning", "far_rows", apart)
 
 

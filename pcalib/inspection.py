@@ -14,8 +14,8 @@ from pcalib.data.columns import TEMPERATURES
 from pcalib.data.measurement import Measurements
 from pcalib.data.replicates import Noise
 from pcalib.findings import Finding, is_direction, span, verified
-from pcalib.fitting import mixups
-from pcalib.fitting.mixups import Nominal
+from pcalib.fitting import as_drawn, mixups
+from pcalib.fitting.as_drawn import Nominal
 from pcalib.robot import Robot
 from pcalib.uncertainty.forecast import forecast
 
@@ -47,7 +47,7 @@ class Inspection:
 def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
     """Facts and findings; with a robot also its joint coverage and the comparison with its nominal geometry."""
     noise = replicates.noise(data)
-    nominal = mixups.compare(data, robot) if robot is not None else None
+    nominal = as_drawn.compare(data, robot) if robot is not None else None
     facts = _facts(data, robot, noise, nominal)
     found = [
         *findings.amount(data, robot),

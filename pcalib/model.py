@@ -45,6 +45,11 @@ class Frame:
     turn: np.ndarray | None = None
     """(3, 3) axes of the tracked body → plate frame; None where they are taken to be the plate's own."""
 
+    def unknowns(self, offset: bool = True) -> int:
+        """How many numbers describe its motion: translation and rotation, the target's offset, and its turn where that
+        is unknown."""
+        return 6 if not offset else 9 if self.turn is None else 12
+
     def moved(self, step: np.ndarray) -> Frame:
         """The frame further along `prediction.frame_columns`: translation, rotation, the target's offset and turn.
 

@@ -266,7 +266,7 @@ def frame_columns(model: Model, p: Prediction, offset: bool = True) -> np.ndarra
     unknown, its turn, (N, 6, 6, 9 or 12)."""
     assert model.frame is not None
     N, turn = len(p.q), model.frame.turn
-    J = np.zeros((N, 6, 6 if not offset else 9 if turn is None else 12))
+    J = np.zeros((N, 6, model.frame.unknowns(offset)))
     J[:, :3, :3] = np.eye(3)
     J[:, :3, 3:6] = -rotation.hat(p.position - model.frame.translation)
     J[:, 3:, 3:6] = np.eye(3)

@@ -134,6 +134,13 @@ def renormalise(R: np.ndarray) -> np.ndarray:
     return 1.5 * R - 0.5 * R @ (transposed(R) @ R)
 
 
+def registered(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The rigid motion that lays points a (n, 3) on b best: R (3, 3) and t (3,), with b ≈ R·a + t (Kabsch 1976)."""
+    at, to = a.mean(axis=0), b.mean(axis=0)
+    R = laying(a - at, b - to)
+    return R, to - R @ at
+
+
 def laying(a: np.ndarray, b: np.ndarray, mirrored: bool = False) -> np.ndarray:
     """R (…, 3, 3) that minimises Σ |b_n − R·a_n|² over points a, b (…, n, 3) about their centres (Kabsch 1976).
 

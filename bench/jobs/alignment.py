@@ -23,7 +23,4 @@ def motion(attained: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.nda
     seen = ~np.isnan(attained[..., 0]).all(axis=0)
     if seen.sum() < 3:
         raise ValueError("a rigid motion needs three poses at least")
-    middle = barycentre(attained[:, seen])
-    a, b = middle.mean(axis=0), wanted[seen].mean(axis=0)
-    R = rotation.laying(middle - a, wanted[seen] - b)
-    return R, b - R @ a
+    return rotation.registered(barycentre(attained[:, seen]), wanted[seen])

@@ -20,7 +20,7 @@ from pcalib import robot as robots
 from pcalib import rotation, workspace
 from pcalib.data import misreadings
 from pcalib.data.measurement import Measurements
-from pcalib.fitting import mixups
+from pcalib.fitting import as_drawn, mixups
 from pcalib.mechanics import kinematics
 from pcalib.robot import MODELS, Robot
 
@@ -94,7 +94,7 @@ def false_alarms(count: int, seed: int = 0, tried: int = 20) -> Iterator[tuple[s
         data = right_file(loaded[kind], rng, frame, full=i % 4 != 3)
         found = mixups.judge(data, loaded[kind], always=i % tried == 0)
         if found.readings or found.numbers or found.frame or found.far:
-            yield kind, mixups.sentence(found, mixups.compare(data, loaded[kind]))
+            yield kind, mixups.sentence(found, as_drawn.compare(data, loaded[kind]))
 
 
 def main(arguments: list[str]) -> int:

@@ -172,9 +172,8 @@ def _since(before: Model, data: Measurements, step: np.ndarray) -> np.ndarray:
     seen = np.isfinite(was).all(axis=1) & data.mask[:, :3].all(axis=1)
     if seen.sum() < 3:
         return step
-    middle, here = was[seen].mean(axis=0), data.position[seen].mean(axis=0)
-    turned = rotation.laying(was[seen] - middle, data.position[seen] - here)
-    return np.concatenate([here - middle, rotation.log(turned)])
+    R, _ = rotation.registered(was[seen], data.position[seen])
+    return np.concatenate([np.mean(data.position[seen] - was[seen], axis=0), rotation.log(R)])
 
 
 def hypotheses(model: Model) -> list[Hypothesis]:

@@ -66,9 +66,7 @@ def update(model: Model, data: Measurements, changed: Sequence[Hypothesis], same
     r = factor.shape[1]
     u, old = np.zeros(r), model
     offset = data.frame == "tracker"
-    frames = 0
-    if model.frame is not None and not same_setup:
-        frames = 6 if not offset else 9 if model.frame.turn is None else 12
+    frames = 0 if model.frame is None or same_setup else model.frame.unknowns(offset)
     before = after = float("nan")
     R = np.eye(r + frames)
     for _ in range(ROUNDS):

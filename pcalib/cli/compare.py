@@ -41,7 +41,7 @@ def command(
         rrd: Also write a recording for the viewer ('pcalib view FILE').
     """
     from pcalib.cli._inputs import read
-    from pcalib.diagnosis import results, telling
+    from pcalib.diagnosis import advice, results, telling
     from pcalib.diagnosis.compare import compare
     from pcalib.wording import number, size
 
@@ -105,7 +105,7 @@ def command(
     elif hot:
         say_next("diagnose", data, "--model", model, why="to find what the model misses")
     elif telling.stale(found):
-        step = telling.mended(found.problem, str(model))
+        step = advice.mended(found.problem, str(model))
         say_next(*step.words, why=step.why)
     else:
         to_compensate(model)

@@ -45,9 +45,8 @@ def command(
         seed: Seed of the Monte-Carlo draws that set the limits of significance.
     """
     from pcalib.cli._inputs import read
-    from pcalib.diagnosis import results, telling
+    from pcalib.diagnosis import advice, results
     from pcalib.diagnosis.diagnose import diagnose
-    from pcalib.diagnosis.verdict import Doubt
     from pcalib.errors import InputError
     from pcalib.laws import telling as laws_in_words
     from pcalib.laws.verdict import beside
@@ -71,11 +70,12 @@ def command(
     if report is not None:
         say(f"Report written to {report}.")
     files = [word for path in effect_file for word in ("--effect-file", str(path))]
-    doubtful = found.verdict == "unexplained" or Doubt.LAW in {d for e in found.sets[:1] for d in e.doubts}
-    lawful = doubtful and laws is not None and bool(laws.proposals.families)
+    lawful = False
+    if laws is not None and (laws.better or found.verdict == "unexplained"):
+        lawful = bool(laws.proposals.families)
     if lawful:
         say_next("propose", data, "--model", model, "-o", "laws", *files)
-    for step in telling.advised(found, str(model)):
+    for step in advice.advised(found, str(model)):
         if lawful and step.words[:1] == ("effect",):
             continue
         if step.words:
@@ -111,14 +111,13 @@ def _widened(plausible: tuple[str, ...]) -> dict[str, float]:
 def show(found: Diagnosis, laws: Beside | None = None) -> None:
     """Print a diagnosis: the verdict, the law that explains what no effect does, and what stands behind them."""
     from pcalib.diagnosis import telling
-    from pcalib.diagnosis.verdict import Doubt
 
     say(telling.sentence(found))
     if laws is not None and found.verdict == "unexplained" and laws.sentence:
         say(laws.sentence)
     print()
-    much = "better" if Doubt.LAW in {d for e in found.sets[:1] for d in e.doubts} else "as well"
     for law in laws.rivals if laws is not None else ():
+        much = "better" if laws is not None and laws.better else "as well"
         say(f"- A law that no effect stands for does {much}: {law}. 'pcalib propose' writes it; measure what differs.")
     for line in telling.details(found):
         say(f"- {line}")

@@ -72,7 +72,7 @@ def command(
     from pcalib.data import measurement
     from pcalib.diagnosis import visibility
     from pcalib.errors import FitError, InputError
-    from pcalib.fitting import crossvalidation, identification, mixups, trust
+    from pcalib.fitting import as_drawn, crossvalidation, identification, mixups, trust
     from pcalib.model import Model
     from pcalib.uncertainty import assessed, outlook
     from pcalib.wording import size
@@ -82,7 +82,7 @@ def command(
     if folds:
         crossvalidation.require_folds(measured, folds)
     judged = mixups.judge(measured, described)
-    nominal = mixups.compare(measured, described)
+    nominal = as_drawn.compare(measured, described)
     said = mixups.sentence(judged, nominal) if judged.tried else ""
     far_off = f"{said}; {mixups.remedy(judged)}."
     refused = {"schema": "pcalib.fit/1", "status": "far", "reason": said, "drawing": judged.to_json()}
@@ -99,7 +99,7 @@ def command(
         "bounds": dict(_bound(text, described, level) for text in bound),
         "prior": _tolerances(length_tolerance, angle_tolerance),
     }
-    apart = mixups.rows_apart(nominal, measured)
+    apart = as_drawn.rows_apart(nominal, measured)
     try:
         found = identification.fit(measured, start, level, **options)
     except FitError as error:

@@ -11,7 +11,7 @@ import numpy as np
 from pcalib.diagnosis import telling
 from pcalib.diagnosis.diagnose import Diagnosis, Why
 from pcalib.diagnosis.evidence import Evidence
-from pcalib.diagnosis.patterns import CHANNELS, Cell, spoken
+from pcalib.diagnosis.patterns import CHANNELS, HOT, Cell, spoken
 from pcalib.diagnosis.separation import TOLD, Separation
 from pcalib.palette import SERIES
 from pcalib.report.figures import INK, PAPER, QUIET, RULE, drawing
@@ -35,7 +35,7 @@ def heatmap(cells: tuple[Cell, ...]) -> str:
                     continue
                 strength = min(-np.log10(max(cell.p, 1e-4)) / 3.0, 1.0)
                 axes.add_patch(_tile(j, i, strength))
-                bold = cell.p < telling.HOT
+                bold = cell.p < HOT
                 axes.text(
                     j,
                     i,

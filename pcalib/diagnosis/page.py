@@ -9,7 +9,7 @@ import numpy as np
 
 from pcalib import report
 from pcalib.data.measurement import Measurements
-from pcalib.diagnosis import figures, telling
+from pcalib.diagnosis import advice, figures, telling
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis
 from pcalib.diagnosis.evidence import Evidence
@@ -119,7 +119,7 @@ def diagnosis_sections(found: Diagnosis, file: str = "model.toml") -> list[Secti
         out.append(Section("What would have been seen", [limits]))
     if found.unavailable:
         out.append(Section("Not considered", [Facts({u.name: u.why for u in found.unavailable})]))
-    steps = telling.advised(found, file)
+    steps = advice.advised(found, file)
     if steps:
         said = [f"{capital(s.why)}: {shlex.join(('pcalib', *s.words))}" if s.words else s.why for s in steps]
         out.append(Section("Next", [Bullets(said)]))

@@ -29,6 +29,8 @@ SLIDING = {"actuator": "motor positions"}
 """The same where actuator values are lengths."""
 HIGHEST = 4
 """Degree of the richest patterns."""
+HOT = 0.05
+"""Corrected p below which a cell of the map counts as hot."""
 FLAT = 0.05
 """Share of the largest extent below which a place does not vary along an axis: the heights at which a probe touches a
 bed are all alike but for the noise, of which a variable must know nothing."""

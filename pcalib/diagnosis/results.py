@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from pcalib import summary, units
+from pcalib.diagnosis.advice import advice
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding
 from pcalib.diagnosis.evidence import Evidence
@@ -14,7 +15,7 @@ from pcalib.diagnosis.held_out import Change
 from pcalib.diagnosis.patterns import Cell
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import Step
-from pcalib.diagnosis.telling import advice, one_per_effect, sentence
+from pcalib.diagnosis.telling import one_per_effect, sentence
 from pcalib.fitting.noise_level import NoiseLevel
 
 

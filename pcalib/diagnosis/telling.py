@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pcalib import effects
+from pcalib.diagnosis.advice import does_as_geometry, fitted_to
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, Why
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.held_out import Change
 from pcalib.diagnosis.hypothesis import Kind
-from pcalib.diagnosis.patterns import Cell, spoken
+from pcalib.diagnosis.patterns import HOT, Cell, spoken
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import Step
 from pcalib.diagnosis.verdict import Against, Explanation, Nearly
 from pcalib.fitting.identification import Accuracy, Fit
 from pcalib.wording import angle, capital, clipped, deviation, figure, size, small
 
-HOT = 0.05
-"""Corrected p below which a cell of the map counts as hot."""
-SAME = 1e-6
-"""κ below which an effect is a change of the geometry by another name."""
 MORE = 1.25
 """Two figures in units of the noise that differ by this factor do not say the same."""
 
@@ -55,9 +49,10 @@ def _as_given(found: Diagnosis) -> str:
     given, against = found.given, found.given.against
     if Against.STALE in against:
         held = "" if given.check is None else f", held-out rows {figure(given.check, 2)} times"
-        why = ": rows that are far from everything have bent it" if len(found.problem.outliers.rows) else _bounds(found)
-        do = "Refit it" if fitted_to(found.problem) else "Refit it, or find what changed"
-        do = "Refit it with --loss huber" if len(found.problem.outliers.rows) else do
+        if len(found.problem.outliers.rows):
+            why, do = ": rows that are far from everything have bent it", "Refit it with --loss huber"
+        else:
+            why, do = _bounds(found), "Refit it" if fitted_to(found.problem) else "Refit it, or find what changed"
         times = figure(given.fit, 2)
         return f"The model does not fit these data as it stands: {times} times the noise{held}{why}. {do}."
     if Against.HELD_OUT in against and found.verdict != "established":
@@ -73,12 +68,6 @@ def _bounds(found: Diagnosis) -> str:
     """Which bounds of the fit may have kept the model from its data."""
     bounds = found.problem.model.options.bounds if fitted_to(found.problem) else {}
     return f": the bound on {' and '.join(bounds)} keeps the fit from more" if bounds else ""
-
-
-def fitted_to(made: Problem) -> bool:
-    """Whether the last fit of the model was made from this file."""
-    history = made.model.history
-    return bool(history) and Path(str(history[-1].get("data", ""))).name == Path(made.given.source).name
 
 
 def _beyond(found: Diagnosis) -> str:
@@ -260,51 +249,6 @@ def far_rows(made: Problem) -> list[str]:
     ]
 
 
-def advice(found: Diagnosis) -> list[dict[str, Any]]:
-    """What to measure or do next."""
-    out: list[dict[str, Any]] = []
-    if Against.STALE in found.given.against:
-        mends = fitted_to(found.problem) or bool(len(found.problem.outliers.rows))
-        out.append({"do": "refit" if mends else "changed"})
-    if found.verdict == "ambiguous" and len(found.sets) == 1 and not found.established:
-        out += [{"do": "try", "effect": h.spec} for h in found.sets[0].members]
-    if found.verdict == "ambiguous" and len(found.sets) > 1:
-        best = found.sets[0]
-        shared = [h for h in best.members if h.name in found.established]
-        out += [{"do": "add", "effect": c.spec} for c in sorted(shared, key=lambda h: h.effect is not None)]
-        rivals = [[h for h in e.members if h.name not in found.established] for e in found.sets[:2]]
-        wants = sorted({w for rival in rivals for h in rival for w in h.wants})
-        out.append({"do": "next", "between": ["+".join(h.spec for h in rival) for rival in rivals], "vary": wants})
-        if len(rivals[0]) == 1 and not (found.established or best.doubts or best.implausible):
-            out.append({"do": "meanwhile", "effect": rivals[0][0].spec})
-    elif found.established:
-        sure = [h for e in found.sets[:1] for h in e.members if h.name in found.established]
-        out += [{"do": "add", "effect": h.spec} for h in sure]
-    if found.nearly is not None:
-        out += [{"do": "add", "effect": spec} for spec in found.nearly.explanation.specs]
-    elif found.verdict == "unexplained":
-        out += [
-            {"do": "write an effect", "channel": c.channel, "variable": c.variable}
-            for c in found.cells[:2]
-            if c.p < HOT
-        ]
-    if not found.noise.verified:
-        out.append({"do": "replicate", "why": "the noise is not verified: measure ten poses twice"})
-    blind = sorted({f.candidate.name for f in found.findings if f.why is Why.UNSEEN and not _geometry(f)})
-    for name in blind:
-        of = [f.candidate.hypothesis for f in found.findings if f.candidate.name == name]
-        if found.problem.given.frame == "base" and all(h.effect and h.effect.channels == ("sensor",) for h in of):
-            continue  # an instrument that stands in the base frame has been laid out by some length standard
-        wants = [w for h in of for w in h.wants]
-        out.append({"do": "vary", "for": name, "vary": list(dict.fromkeys(wants))})
-    return out
-
-
-def _geometry(f: Finding) -> bool:
-    """Whether some change of the geometry does just what it does, at any poses."""
-    return f.kappa < SAME
-
-
 def channel(cell: Cell) -> str:
     """The cell's channel in words."""
     return spoken(cell.channel, cell.sliding)
@@ -369,64 +313,6 @@ def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
             finite = np.isfinite(f.smallest_seen).all()
             seen[f.candidate.name] = (f.candidate.spec, said if finite else "no size: invisible here")
     return sorted(seen.values())
-
-
-@dataclass(frozen=True)
-class Advised:
-    """A step to take next."""
-
-    why: str
-    """What it is for, as it follows on 'Next, '; or all there is to say where no command belongs to it."""
-    words: tuple[str, ...] = ()
-    """Words of the command of this program, but for the options that name files of effects."""
-
-
-def advised(found: Diagnosis, model: str) -> list[Advised]:
-    """What to do next.
-
-    Args:
-        model: name of the model's file.
-    """
-    data, out = found.problem.given.source, []
-    shared = found.established if found.verdict == "ambiguous" else ()
-    for item in advice(found):
-        if item["do"] == "next":
-            vary = f" (vary {', '.join(item['vary'])})" if item["vary"] else ""
-            first = "with that model, " if shared else ""
-            between = ("--between", ",".join(item["between"]), "-n", "10", "-o", "more.csv")
-            why = f"{first}to plan poses that tell them apart{vary}"
-            out.append(Advised(why, ("next", data, "--model", model, *between)))
-        elif item["do"] == "add":
-            why = f"to add {item['effect']}, which is missing in any case" if shared else "to refit everything with it"
-            out.append(Advised(why, ("add", item["effect"], data, "--model", model)))
-        elif item["do"] == "meanwhile":
-            why = f"to go on with {item['effect']} until then"
-            out.append(Advised(why, ("add", item["effect"], data, "--model", model)))
-        elif item["do"] == "try":
-            why = f"to try {item['effect']}, which is not established"
-            out.append(Advised(why, ("add", item["effect"], data, "--model", model)))
-        elif item["do"] in ("refit", "changed"):
-            out.append(mended(found.problem, model))
-        elif item["do"] == "write an effect":
-            where = spoken(item["channel"], found.problem.model.robot.mechanism.actuator_dimension == "length")
-            why = f"to write an effect of your own that moves {where} by {item['variable']}"
-            out.append(Advised(why, ("effect", "new", "MyEffect")))
-        elif item["do"] == "replicate":
-            out.append(Advised("Measure ten poses twice (same pose_id): they say what is noise."))
-        elif item["do"] == "vary":
-            out.append(Advised(f"To see {item['for']}, the data need {', '.join(item['vary']) or 'other poses'}."))
-    return out
-
-
-def mended(made: Problem, model: str) -> Advised:
-    """What to do with a model that does not fit the data as it stands, though a refit does."""
-    data = made.given.source
-    if not (fitted_to(made) or len(made.outliers.rows)):
-        return Advised("to find what changed since it was fitted", ("changed", data, "--model", model))
-    robust = ("--loss", "huber") if len(made.outliers.rows) else ()
-    chosen = ("--level", made.model.level, *robust, "-o", "refit.toml")
-    words = ("fit", data, "--robot", f"{made.model.robot.name}.toml", *chosen)
-    return Advised("with the robot file of this model, to refit it", words)
 
 
 def stale(c: Comparison) -> bool:
@@ -543,7 +429,7 @@ def evidence_sentence(e: Evidence) -> str:
     c, theta = e.candidate, e.finding.theta
     words = c.hypothesis.sentence(np.clip(theta, c.low, c.high) if e.in_range else theta)
     if e.finding.why is Why.UNSEEN:
-        if _geometry(e.finding):
+        if does_as_geometry(e.finding):
             return f"{e.candidate.name}: no poses can show it, a change of the geometry does the same."
         return f"{e.candidate.name}: these poses cannot show it, whatever its size."
     if not e.in_range:

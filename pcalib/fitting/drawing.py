@@ -38,6 +38,8 @@ LEFT = 1e-3
 LEFT_TURN = np.radians(1.0)
 """[rad] residuals from which on data are far from the drawing too: physics that geometry cannot take up leaves less
 on any machine that is worth a calibration."""
+ALIKE = 12.0
+"""Difference of cost up to which two explanations explain the data alike: a likelihood ratio of 400."""
 _SEARCH = 25
 """Steps of a search for numbers: from a rod 200 mm too long it takes twelve."""
 _NEXT = 1e-6

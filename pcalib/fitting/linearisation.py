@@ -338,9 +338,8 @@ def register(model: Model, data: Measurements) -> Frame:
             file=data.source,
             remedy="measure more poses, or in the base frame (# frame = base)",
         )
-    a, b = p.position[full], data.position[full]
-    R = rotation.laying(a - a.mean(0), b - b.mean(0))
-    return Frame(R, b.mean(0) - R @ a.mean(0), turn=_turn(R @ p.rotation[full], data.rotation[full]))
+    R, t = rotation.registered(p.position[full], data.position[full])
+    return Frame(R, t, turn=_turn(R @ p.rotation[full], data.rotation[full]))
 
 
 def set_up_anew(model: Model, data: Measurements) -> Model | None:
@@ -354,11 +353,9 @@ def set_up_anew(model: Model, data: Measurements) -> Model | None:
     full = ~np.isnan(data.position).any(axis=1) & (p.status == "ok")
     if full.sum() < FEWEST_ANEW:
         return None
-    middle, here = p.position[full].mean(axis=0), data.position[full].mean(axis=0)
-    R = rotation.laying(p.position[full] - middle, data.position[full] - here)
+    R, t = rotation.registered(p.position[full], data.position[full])
     old = model.frame
-    frame = replace(old, rotation=R @ old.rotation, translation=here + R @ (old.translation - middle))
-    moved = replace(model, frame=frame)
+    moved = replace(model, frame=replace(old, rotation=R @ old.rotation, translation=R @ old.translation + t))
     after = residuals(moved, data)[0]
     was, now = (float(np.sqrt(np.mean(e[full][:, :3] ** 2))) for e in (before, after))
     return moved if was > MOVED and was > ANEW * now else None

@@ -7,31 +7,22 @@ is tried by the same fit; what brings the data home is named, with the edit that
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pcalib import kinds, rotation, wording
+from pcalib import rotation
 from pcalib.data import misreadings
 from pcalib.data.measurement import Measurements
 from pcalib.errors import PcalibError
-from pcalib.fitting import drawing
-from pcalib.fitting.drawing import FAR, Distance
-from pcalib.mechanics import kinematics
+from pcalib.fitting import drawing, far_numbers
+from pcalib.fitting.as_drawn import LARGE_TURN, Nominal, compare
+from pcalib.fitting.drawing import ALIKE, Distance
 from pcalib.robot import Robot
 
-ROWS = 200
-"""Rows that are compared with the nominal robot."""
-LARGE = 5e-3
-"""[m] RMS from the nominal robot below which nothing is suspected without a quick fit."""
-LARGE_TURN = np.radians(3.0)
-"""[rad] median turn from the nominal robot below which nothing is suspected without a quick fit."""
 GAIN = 0.25
 """A reading that explains the data must bring the quick fit's cost below this share."""
-ALIKE = 12.0
-"""Difference of cost up to which two readings explain the data alike: a likelihood ratio of 400."""
 OFF = 5.0
 """Times σ that a quick fit leaves over, from which on other readings are tried: physics that a model lacks leaves
 less on most machines, and a reading must bring the data home to be named in any case."""
@@ -49,51 +40,6 @@ ABSURD = 100.0
 """Manufacturing tolerances (10 mm, 5°, 10 %) from which on a number is that of another robot, or of a mistake."""
 _ROUGH = 0.06
 """Share of the robot's size, and 5 times LARGE_TURN, beyond which the nominal robot is not near under a reading."""
-
-
-@dataclass(frozen=True)
-class Nominal:
-    """How the data compare with the robot as drawn, without any fit but that of the measuring frame."""
-
-    rms: float
-    """[m] RMS position error of complete positions, after registration where the frame is a tracker's; NaN: none."""
-    rows: np.ndarray
-    """(n,) the rows behind it."""
-    error: np.ndarray
-    """(n,) [m] error of each."""
-    unreachable: np.ndarray
-    """Rows whose command the nominal robot cannot take."""
-    aligned_rms: float
-    """[m] RMS after the best rigid registration of the measuring frame."""
-    turn: float = np.nan
-    """[rad] median turn of the plate from the nominal robot, base frame only; NaN: none."""
-
-    @property
-    def distance(self) -> str:
-        """How far the data are from the nominal robot, in words; '' where that cannot be said."""
-        turned = f"{np.rad2deg(self.turn):.3g}° (median)" if self.turn > LARGE_TURN else ""
-        moved = f"{self.rms * 1e3:.3g} mm (RMS)" if self.rms > LARGE or not turned else ""
-        return " and ".join(filter(None, (moved, turned))) if self.rms == self.rms else ""
-
-    @property
-    def typical(self) -> float:
-        """[m] Within which half of the rows are."""
-        return float(np.median(self.error)) if len(self.error) else 0.0
-
-    @property
-    def limit(self) -> float:
-        """[m] Beyond which a row is far off."""
-        return max(8 * self.typical, LARGE)
-
-    @property
-    def far(self) -> bool:
-        """Whether the data are further from the nominal robot than careful manufacture leaves."""
-        return self.typical > LARGE or self.turn > LARGE_TURN
-
-    @property
-    def odd(self) -> np.ndarray:
-        """Rows that are far off where most are near."""
-        return np.zeros(0, int) if self.far else self.rows[self.error > self.limit]
 
 
 @dataclass(frozen=True)
@@ -148,17 +94,6 @@ SHOWN = 3
 """Readings that are named where several explain the data alike."""
 
 
-def rows_apart(found: Nominal, data: Measurements) -> str:
-    """Which rows are far off where most are near, for a message; '' where none is."""
-    if not len(found.odd):
-        return ""
-    where = wording.lines(data.lines[found.odd])
-    return (
-        f"More than {found.limit * 1e3:.3g} mm from the nominal robot, where half of all are within "
-        f"{found.typical * 1e3:.2g} mm: {where}. Do command and measurement belong together?"
-    )
-
-
 def _shown(readings: tuple[tuple[str, str, str], ...]) -> tuple[tuple[str, str, str], ...]:
     """The readings to name: the best of each kind of mistake first, so that none is left out for its rank alone."""
     first = {code: entry for entry in reversed(readings) for code in entry[:1]}
@@ -198,31 +133,6 @@ def remedy(found: Judgement) -> str:
     return "check that robot file and measurements are of the same robot, and each command's row is its measurement's"
 
 
-def compare(data: Measurements, robot: Robot) -> Nominal:
-    """Compare the data with the nominal robot."""
-    full = np.flatnonzero(data.mask[:, :3].all(axis=1))
-    full = full[np.linspace(0, len(full) - 1, min(len(full), ROWS)).astype(int)] if len(full) else full
-    nothing = np.zeros(0, int)
-    if len(full) < (4 if data.frame == "tracker" else 1):
-        return Nominal(np.nan, nothing, np.zeros(0), nothing, np.nan)
-    some = data.take(full)
-    solution = kinematics.forward(robot.mechanism, robot.mechanism.nominal, some.q)
-    ok, pose = solution.ok, solution.pose
-    unreachable = full[~ok]
-    if ok.sum() < 4:
-        return Nominal(np.nan, nothing, np.zeros(0), unreachable, np.nan)
-    point = pose.tcp(some.tool)[ok]
-    error = _error(point, some.position[ok], data.frame)
-    turn = np.zeros(0)
-    if data.frame == "base":
-        turn = np.arccos(np.clip((np.einsum("nij,nij->n", some.rotation[ok], pose.R[ok]) - 1) / 2, -1, 1))
-        turn = turn[~np.isnan(turn)]
-    return Nominal(
-        _rms(error), full[ok], error, unreachable, _rms(_error(point, some.position[ok], "tracker")),
-        float(np.median(turn)) if len(turn) else np.nan,
-    )  # fmt: skip
-
-
 def judge(data: Measurements, robot: Robot, *, always: bool = False) -> Judgement:
     """Whether the data belong to the robot as they are read, and if not, what brings them home.
 
@@ -245,7 +155,7 @@ def _judge(some: Measurements, robot: Robot, always: bool) -> Judgement:
         return Judgement(here, readings, tried=True)
     if here is not None and here.near:
         return Judgement(here, tried=True)
-    numbers = tuple(_numbers(some, robot, here))
+    numbers = tuple(far_numbers.numbers(some, robot, here))
     frame = (
         not numbers and some.frame == "base" and _home(drawing.distance(replace(some, frame="tracker"), robot), here)
     )
@@ -343,127 +253,7 @@ def _size(robot: Robot) -> float:
     return float(np.abs(mechanism.nominal[np.array(mechanism.units) == "m"]).max())
 
 
-@dataclass(frozen=True)
-class _Number:
-    code: str
-    words: Callable[[np.ndarray], str]
-    edit: Callable[[np.ndarray], str]
-    units: tuple[str, ...]
-    change: drawing.Change
-
-
-def _numbers(data: Measurements, robot: Robot, here: Distance | None) -> Iterator[tuple[str, str, str, float]]:
-    """Single numbers that are far from the drawing and whose change brings the data home, best first."""
-    found = []
-    for number in _candidates(data, robot):
-        alpha = drawing.search(data, robot, number.units, number.change)
-        if alpha is None:
-            continue
-        tolerances = np.abs(alpha) / [drawing.PRIOR[unit] for unit in number.units]
-        there = drawing.distance(*number.change(data, robot, alpha))
-        if there is None or not there.near or tolerances.max() < FAR:
-            continue
-        if here is None or here.cost - there.cost > ALIKE:
-            found.append((there.cost + ALIKE * len(alpha), number, alpha, float(tolerances.max())))
-    best = min((cost for cost, *_ in found), default=0.0)
-    for cost, number, alpha, size in sorted(found, key=lambda f: f[0]):
-        if cost < best + ALIKE:
-            yield number.code, number.words(alpha), number.edit(alpha), size
-
-
-def _candidates(data: Measurements, robot: Robot) -> Iterator[_Number]:
-    mechanism, n = robot.mechanism, len(data.actuators)
-    unit = "rad" if mechanism.actuator_dimension == "angle" else "m"
-    for i, name in enumerate(data.actuators):
-        one = np.arange(n) == i
-        yield _Number(
-            "drive_zero", lambda a, name=name: f"the zero of motor {name} is off by {_signed(a[0], unit)}",
-            lambda a, name=name: f"home it anew, or add {_signed(a[0], unit)} to {name}", (unit,),
-            lambda d, r, a, one=one: (replace(d, q=d.q + a[0] * one), r),
-        )  # fmt: skip
-        yield _Number(
-            "drive_scale", lambda a, name=name: f"motor {name} moves {1 + a[0]:.5g} times as far as commanded",
-            lambda a, name=name: f"multiply {name} by {1 + a[0]:.5g}, or check its steps per turn", ("1",),
-            lambda d, r, a, one=one: (replace(d, q=d.q * (1 + a[0] * one)), r),
-        )  # fmt: skip
-    yield _Number(
-        "drive_zero", lambda a: f"the zeros of all motors are off by {_signed(a[0], unit)}",
-        lambda a: f"add {_signed(a[0], unit)} to every command", (unit,),
-        lambda d, r, a: (replace(d, q=d.q + a[0]), r),
-    )  # fmt: skip
-    yield _Number(
-        "drive_scale", lambda a: f"all motors move {1 + a[0]:.5g} times as far as commanded",
-        lambda a: f"multiply every command by {1 + a[0]:.5g}, or check the unit", ("1",),
-        lambda d, r, a: (replace(d, q=d.q * (1 + a[0])), r),
-    )  # fmt: skip
-    lengths = [s.name for s in kinds.get(robot.kind).dimensions if s.dimension == "length" and not s.count]
-    lengths = [key for key in lengths if key in robot.dimensions]
-    for key in lengths:
-
-        def words(a: np.ndarray, key: str = key) -> str:
-            longer = "larger" if a[0] > 0 else "smaller"
-            said = f"{key.replace('_', ' ')} is {wording.size(abs(a[0]))} {longer} than in the robot file"
-            now, drawn = robot.dimensions[key] + a[0], robot.dimensions[key]
-            return f"{said} ({wording.size(now)} instead of {wording.size(drawn)})"
-
-        def edit(a: np.ndarray, key: str = key) -> str:
-            needed = 1e3 * (robot.dimensions[key] + a[0])
-            return f"is this the robot file of this robot? it would need {key}_mm = {needed:.5g}"
-
-        def change(d: Measurements, r: Robot, a: np.ndarray, key: str = key) -> tuple[Measurements, Robot]:
-            return d, replace(r, dimensions={**r.dimensions, key: r.dimensions[key] + a[0]})
-
-        yield _Number("dimension", words, edit, ("m",), change)
-    yield _Number(
-        "position_zero", lambda a: f"z is counted from another height ({_signed(a[0], 'm')})",
-        lambda a: f"add {_signed(a[0], 'm')} to z, or write '# frame = tracker'", ("m",),
-        lambda d, r, a: (replace(d, position=d.position + a[0] * np.array([0.0, 0.0, 1.0])), r),
-    )  # fmt: skip
-    if len(lengths) > 1:
-
-        def every(d: Measurements, r: Robot, a: np.ndarray) -> tuple[Measurements, Robot]:
-            return d, replace(
-                r, dimensions={**r.dimensions, **{k: r.dimensions[k] + v for k, v in zip(lengths, a, strict=True)}}
-            )
-
-        def values(a: np.ndarray) -> str:
-            return ", ".join(f"{k}_mm = {1e3 * (robot.dimensions[k] + v):.5g}" for k, v in zip(lengths, a, strict=True))
-
-        yield _Number(
-            "other_robot", lambda a: f"the robot has other dimensions than the robot file: {values(a)}",
-            lambda a: "is this the robot file of this robot?", ("m",) * len(lengths), every,
-        )  # fmt: skip
-
-
-def _signed(value: float, unit: str) -> str:
-    said = f"{np.degrees(value):+.2f}°" if unit == "rad" else f"{1e3 * value:+.2f} mm"
-    return said.replace("-", "−")
-
-
 def _without_far_rows(data: Measurements, robot: Robot) -> Measurements:
     """The data without a few rows that are far off where most are near: they are named by themselves."""
     far = compare(data, robot).odd
     return data.take(np.setdiff1d(np.arange(len(data)), far)) if 0 < len(far) < 0.2 * len(data) else data
-
-
-def _error(point: np.ndarray, position: np.ndarray, frame: str) -> np.ndarray:
-    """(N,) [m] distances; in a tracker's frame after the best rigid registration (Kabsch) of rows that go together."""
-    if frame == "base":
-        return np.linalg.norm(position - point, axis=1)
-    some = _together(point, position)
-    at, to = point[some].mean(axis=0), position[some].mean(axis=0)
-    R = rotation.laying(point[some] - at, position[some] - to)
-    return np.linalg.norm(position - to - (point - at) @ R.T, axis=1)
-
-
-def _together(point: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """(N,) rows whose distances to half of the others are those of the robot: no registration is needed to see which
-    rows are far from everything, and one such row would spoil it. All rows where no half goes together."""
-    apart = np.linalg.norm(position[:, None] - position, axis=-1) - np.linalg.norm(point[:, None] - point, axis=-1)
-    off = np.median(np.abs(apart), axis=1)
-    some = off <= max(8 * float(np.median(off)), LARGE)
-    return some if some.mean() > 0.5 else np.ones(len(point), bool)
-
-
-def _rms(error: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(error**2)))

@@ -11,7 +11,7 @@ import numpy as np
 from pcalib import prediction
 from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
-from pcalib.fitting import linearisation, mixups
+from pcalib.fitting import as_drawn, linearisation, mixups
 from pcalib.fitting.identifiability import THRESHOLD, without
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
 from pcalib.model import Frame, Model
@@ -61,13 +61,13 @@ def require_order(error: np.ndarray, data: Measurements, robot: Robot) -> None:
     """
     length, turn = (np.linalg.norm(e[~np.isnan(e).any(axis=1)], axis=1) for e in (error[:, :3], error[:, 3:]))
     if not len(length) or (
-        np.median(length) < mixups.LARGE and not (len(turn) and np.median(turn) > mixups.LARGE_TURN)
+        np.median(length) < as_drawn.LARGE and not (len(turn) and np.median(turn) > as_drawn.LARGE_TURN)
     ):
         return
     found = mixups.judge(data, robot)
     if found.readings:
         raise InputError(
-            mixups.sentence(found, mixups.compare(data, robot)), file=data.source, remedy=mixups.remedy(found)
+            mixups.sentence(found, as_drawn.compare(data, robot)), file=data.source, remedy=mixups.remedy(found)
         )
 
 

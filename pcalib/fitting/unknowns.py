@@ -112,8 +112,7 @@ def unknowns_of(
             names.append(f"{fitted.effect.name}.{p.name}")
             sizes.append(EFFECT_PRIOR_WIDTH * p.prior)
     n_effects = len(names) - n_geometry
-    turned = frame and model.frame is not None and model.frame.turn is not None
-    n_frame = 12 if turned else 9 if frame else 0
+    n_frame = 0 if not frame else 9 if model.frame is None else model.frame.unknowns()
     names += [f"{of}.{c}" for of in ("frame", "target") for c in ("x", "y", "z", "rx", "ry", "rz")][:n_frame]
     place = len(names) - n_frame + 6
     names += [name for block in model.setup for name in block.names]
@@ -124,7 +123,7 @@ def unknowns_of(
         free[: n_geometry + n_effects] = np.inf
     if frame:
         free[place : place + 3] = _TARGET_PRIOR
-    if turned:
+    if n_frame == 12:
         free[place + 3 : place + 6] = _TURN_PRIOR
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for name, (low, high) in bounds.items():

@@ -28,6 +28,8 @@ class Beside:
     proposals: Proposals
     rivals: tuple[str, ...]
     """Laws, in words, that do as well as the listed effects that were found without being these under another name."""
+    better: bool = False
+    """Whether these laws explain the data better than the listed effects, by more than the search costs."""
 
     @property
     def sentence(self) -> str:
@@ -52,7 +54,7 @@ def beside(found: Diagnosis, seed: int = 0) -> Beside | None:
     others = [f.first for f in proposals.adequate]
     better = [law for law in others if law.bic < bic - chance(proposals.tried)]
     if better:
-        return Beside(_with_doubt(found), proposals, tuple(law.words() for law in better[:SHOWN]))
+        return Beside(_with_doubt(found), proposals, tuple(law.words() for law in better[:SHOWN]), better=True)
     rivals = [
         law
         for law in others

@@ -93,7 +93,7 @@ def by_order(readings: np.ndarray, commands: np.ndarray, close: float = CLOSE) -
     if len(run) < max(4, 0.3 * min(len(readings), len(commands))):
         raise few
     keep = np.array(run)
-    R, t = _laid(readings[keep[:, 0]], commands[keep[:, 1]])
+    R, t = rotation.registered(readings[keep[:, 0]], commands[keep[:, 1]])
     for _ in range(5):  # rows that do not lie where the others put them leave the run
         off = np.linalg.norm(readings[keep[:, 0]] @ R.T + t - commands[keep[:, 1]], axis=1)
         good = off < close
@@ -102,7 +102,7 @@ def by_order(readings: np.ndarray, commands: np.ndarray, close: float = CLOSE) -
         if good.sum() < 4:
             raise few
         keep = keep[good]
-        R, t = _laid(readings[keep[:, 0]], commands[keep[:, 1]])
+        R, t = rotation.registered(readings[keep[:, 0]], commands[keep[:, 1]])
     away = np.linalg.norm((readings @ R.T + t)[:, None] - commands, axis=-1)  # (N, M)
     found = _unambiguous(away, close)
     members: dict[int, list[int]] = {}
@@ -173,11 +173,6 @@ def _longest_run(readings: np.ndarray, commands: np.ndarray, close: float) -> li
         out.append((i, j))
         i, j = (int(v) for v in before[i, j])
     return out[::-1]
-
-
-def _laid(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    R = rotation.laying(a - a.mean(0), b - b.mean(0))
-    return R, b.mean(0) - R @ a.mean(0)
 
 
 def _pairs(found: Sequence[tuple[int, int]], n: int, m: int) -> Pairs:

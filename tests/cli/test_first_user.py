@@ -8,7 +8,7 @@ import pytest
 from pcalib import cli, compensation
 from pcalib import robot as robots
 from pcalib.data import joining, measurement, table
-from pcalib.fitting import mixups
+from pcalib.fitting import as_drawn
 from pcalib.model import Model
 from pcalib.rotation import exp
 
@@ -52,7 +52,7 @@ def test_gross_rows_are_named_by_inspect_and_by_fit(data, run, spoil):
 def test_rows_are_told_apart_without_a_registration(data, delta):
     position = data.position.copy()
     position[::4] = position[::4] / 25.4
-    found = mixups.compare(replace(data, position=position), delta)
+    found = as_drawn.compare(replace(data, position=position), delta)
     assert set(found.odd) == set(range(0, 50, 4)) and found.typical < 1e-3
 
 

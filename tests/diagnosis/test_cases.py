@@ -10,7 +10,7 @@ import pytest
 from pcalib import modelfile
 from pcalib import robot as robots
 from pcalib.data import measurement
-from pcalib.diagnosis import telling
+from pcalib.diagnosis import advice, telling
 from pcalib.diagnosis.diagnose import Diagnosis, diagnose
 from pcalib.diagnosis.verdict import Against, Doubt
 from pcalib.fitting import identification
@@ -106,7 +106,7 @@ def test_a_member_that_held_out_rows_do_not_ask_for_is_not_established():
     assert found.sets[0].names == ("rod_compliance", "thermal_rods")
     assert found.sets[0].unconfirmed == ("rod_compliance",)
     assert "Perhaps also rods stretch under load" in telling.sentence(found)
-    assert [a["effect"] for a in telling.advice(found) if a["do"] == "add"] == ["thermal_rods"]
+    assert [a["effect"] for a in advice.advice(found) if a["do"] == "add"] == ["thermal_rods"]
 
 
 def test_a_bound_that_excludes_the_truth_is_a_misfit():

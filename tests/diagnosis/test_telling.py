@@ -14,7 +14,7 @@ from bench import truth as truths
 from bench.instrument import Instrument
 from pcalib import robot as robots
 from pcalib.data.noise import Noise
-from pcalib.diagnosis import figures, telling
+from pcalib.diagnosis import advice, figures, telling
 from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.diagnose import Why, diagnose
 from pcalib.diagnosis.evidence import evidence
@@ -176,6 +176,6 @@ class TestSlidingDrives:
         """The number of motor steps per mm is a parameter of the geometry itself."""
         found = diagnose(*soft, n_draws=256)
         assert any(f.candidate.name == "gear_ratio" and f.why is Why.UNSEEN for f in found.findings)
-        assert not any("gear_ratio" in step.why for step in telling.advised(found, "m.toml"))
+        assert not any("gear_ratio" in step.why for step in advice.advised(found, "m.toml"))
         said = telling.evidence_sentence(evidence(*soft, "gear_ratio"))
         assert said == "gear_ratio: no poses can show it, a change of the geometry does the same."

@@ -12,7 +12,7 @@ from bench.jobs import misreadings as trials
 from pcalib import planning, robot
 from pcalib.data import misreadings, orientation
 from pcalib.data.measurement import Measurements
-from pcalib.fitting import drawing, mixups
+from pcalib.fitting import as_drawn, drawing, mixups
 from pcalib.mechanics import kinematics
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
@@ -38,13 +38,13 @@ def tracker(base):
 
 def test_sound_data_raise_no_suspicion(base, tracker):
     for data in (base, tracker):
-        found = mixups.compare(data, DELTA)
-        assert not found.far and 1e-4 < found.rms < mixups.LARGE and len(found.unreachable) == 0
+        found = as_drawn.compare(data, DELTA)
+        assert not found.far and 1e-4 < found.rms < as_drawn.LARGE and len(found.unreachable) == 0
         assert found.aligned_rms <= found.rms * (1 + 1e-9)
         judged = mixups.judge(data, DELTA, always=True)
         assert not (judged.readings or judged.numbers or judged.frame or judged.far)
         assert mixups.sentence(judged, found) == ""
-    assert mixups.compare(tracker, DELTA).rms == pytest.approx(mixups.compare(base, DELTA).aligned_rms, rel=1e-9)
+    assert as_drawn.compare(tracker, DELTA).rms == pytest.approx(as_drawn.compare(base, DELTA).aligned_rms, rel=1e-9)
 
 
 def test_rotations_that_are_all_zero_are_in_no_other_unit():
@@ -93,7 +93,7 @@ def test_right_files_are_not():
 def test_a_frame_that_is_not_aligned_is_no_swap(base):
     turned = Rotation.from_rotvec([0, 0, 0.4]).apply(base.position) + [0.05, 0.02, 0]
     data = replace(base, position=turned)
-    found = mixups.compare(data, DELTA)
+    found = as_drawn.compare(data, DELTA)
     assert found.rms > 0.02 and found.aligned_rms < 0.1 * found.rms
     judged = mixups.judge(data, DELTA)
     assert judged.frame and judged.readings == () and "frame = tracker" in mixups.remedy(judged)
@@ -103,16 +103,16 @@ def test_a_few_wrong_rows_are_no_swap(base):
     position = base.position.copy()
     position[:3] += 0.3
     data = replace(base, position=position)
-    found = mixups.compare(data, DELTA)
+    found = as_drawn.compare(data, DELTA)
     assert set(found.rows[found.error > 0.1]) == {0, 1, 2}
     judged = mixups.judge(data, DELTA)
     assert not judged.tried and judged.readings == ()
 
 
 def test_too_little_to_say(base):
-    assert np.isnan(mixups.compare(base.take(slice(0, 3)), DELTA).rms)
+    assert np.isnan(as_drawn.compare(base.take(slice(0, 3)), DELTA).rms)
     blank = replace(base, position=np.full((30, 3), np.nan), mask=np.zeros((30, 6), bool))
-    assert np.isnan(mixups.compare(blank, DELTA).rms)
+    assert np.isnan(as_drawn.compare(blank, DELTA).rms)
     assert mixups.judge(blank, DELTA) == mixups.Judgement(None)
 
 
@@ -124,7 +124,7 @@ def test_a_robot_built_badly_turns_its_plate_and_is_not_taken_for_a_mix_up(base,
     k = DELTA.mechanism.nominal + size * np.random.default_rng(seed).standard_normal(len(size))
     pose = kinematics.forward(DELTA.mechanism, k, base.q).pose
     data = replace(base, position=pose.x, tool=0 * base.tool, rotation=pose.R, mask=np.ones((len(base), 6), bool))
-    assert mixups.compare(data, DELTA).far and mixups.judge(data, DELTA, always=True).readings == ()
+    assert as_drawn.compare(data, DELTA).far and mixups.judge(data, DELTA, always=True).readings == ()
 
 
 @pytest.mark.parametrize(
@@ -192,5 +192,5 @@ def test_readings_that_explain_data_alike_are_all_told_one_of_each_kind_first(ba
     mirrored = replace(right, position=right.position * [1, -1, 1], rotation=np.full_like(right.rotation, np.nan))
     mirrored = replace(mirrored, mask=mirrored.mask & (np.arange(6) < 3), written=None, euler="")
     found = mixups.judge(mirrored, DELTA)
-    said = mixups.sentence(found, mixups.compare(mirrored, DELTA))
+    said = mixups.sentence(found, as_drawn.compare(mirrored, DELTA))
     assert "left-handed" in said and "is what stands in" in said and "cannot tell which" in said
