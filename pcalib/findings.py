@@ -165,7 +165,7 @@ def joint_coverage(data: Measurements, robot: Robot | None) -> Iterator[Finding]
 
 
 MASS = ("_kg", "_g")
-"""Ends of the names of columns that hold masses."""
+"""Endings of the names of columns that hold masses."""
 
 
 def conditions(data: Measurements) -> Iterator[Finding]:

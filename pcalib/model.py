@@ -46,8 +46,11 @@ class Frame:
     """(3, 3) axes of the tracked body → plate frame; None where they are taken to be the plate's own."""
 
     def unknowns(self, offset: bool = True) -> int:
-        """How many numbers describe its motion: translation and rotation, the target's offset, and its turn where that
-        is unknown."""
+        """Number of unknowns: translation and rotation, the target's offset, and its turn where that is unknown.
+
+        Args:
+            offset: whether the target's offset, and its turn, are among them.
+        """
         return 6 if not offset else 9 if self.turn is None else 12
 
     def moved(self, step: np.ndarray) -> Frame:

@@ -16,7 +16,7 @@ def _micro(value: float) -> float | None:
 
 
 def identified(fit: Fit) -> str:
-    """How much of the level the data tell, in words."""
+    """How many combinations of parameters the data identify, in words."""
     count, combinations = fit.unknowns.n_geometry, "combination" + "s" * (fit.n_identified != 1)
     said = f"The {count} parameters of level {fit.candidate.level} show in {fit.n_identified} {combinations}"
     if fit.n_identified >= fit.expected:

@@ -85,7 +85,7 @@ class Changes:
     cells: tuple[Cell, ...]
     """Where the change shows, hottest first."""
     frame: np.ndarray
-    """(0 or 6) [m, rad] Change of the measuring frame: by how much the readings' middle moved, and a rotation."""
+    """(0 or 6) [m, rad] Change of the measuring frame: displacement of the readings' centroid, and rotation."""
     chi2_dof: float
     """Of the new session under the old model, the frame allowed for."""
     p: float

@@ -161,10 +161,11 @@ class _Asked:
 
 
 def _since(before: Model, data: Measurements, step: np.ndarray) -> np.ndarray:
-    """Change of the measuring frame (0 or 6) [m, rad] since the model was made: of the readings' middle, and a turn.
+    """Change of the measuring frame (0 or 6) [m, rad] since the model was made: displacement of the readings' centroid,
+    and rotation.
 
-    Where a base stands and how its geometry is off move the readings alike, so that readings are laid on what the
-    model predicts of them in its own frame.
+    The readings are registered to what the model predicts in its own frame. A fit of the new frame would share its
+    change with the base, whose place in a tracker's frame is uncertain.
     """
     if not len(step) or before.frame is None or data.frame != "tracker":
         return step

@@ -118,7 +118,7 @@ def show(found: Diagnosis, laws: Beside | None = None) -> None:
     print()
     for law in laws.rivals if laws is not None else ():
         much = "better" if laws is not None and laws.better else "as well"
-        say(f"- A law that no effect stands for does {much}: {law}. 'pcalib propose' writes it; measure what differs.")
+        say(f"- A law that is no listed effect does {much}: {law}. 'pcalib propose' writes it; measure what differs.")
     for line in telling.details(found):
         say(f"- {line}")
     print()

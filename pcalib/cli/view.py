@@ -58,7 +58,7 @@ def command(
 
     if run.suffix != ".toml":
         if tool or payload is not None or follow:
-            raise InputError("--tool, --payload and --follow are for model files; a recording is what it is", file=run)
+            raise InputError("--tool, --payload and --follow are for model files; a recording has its own", file=run)
         found = viewer.recording_of(run)
         frame.write_json(json, {"schema": "pcalib.view/1", "run": run, "recording": save or found})
         if save is None:

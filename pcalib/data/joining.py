@@ -62,7 +62,7 @@ def join(parts: Sequence[Measurements]) -> Measurements:
 
 
 def _with_sigma(parts: Sequence[Measurements]) -> list[Measurements]:
-    """The parts; readings whose σ no file states have the median one of those that are stated."""
+    """The parts, with the median stated σ given to readings whose file states none."""
     out = list(parts)
     for i in (0, 1):
         block = slice(3 * i, 3 * i + 3)
@@ -80,7 +80,7 @@ def _with_sigma(parts: Sequence[Measurements]) -> list[Measurements]:
 
 
 def differences(parts: Sequence[Measurements]) -> list[str]:
-    """What the metadata of the files say differently, one sentence each."""
+    """Differences between the metadata of the files, one sentence each."""
     out, first = [], parts[0]
     for part in parts[1:]:
         if part.euler != first.euler and part.turned.any() and first.turned.any():

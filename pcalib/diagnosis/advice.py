@@ -15,7 +15,7 @@ SAME = 1e-6
 """κ below which an effect is a change of the geometry by another name."""
 
 _TENTATIVE = {"meanwhile": "to go on with {} until then", "try": "to try {}, which is not established"}
-"""What is advised of an effect that is not established → what that is for."""
+"""Kind of advice on an effect that is not established → purpose of the command."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def advised(found: Diagnosis, model: str) -> list[Advised]:
 
 
 def mended(made: Problem, model: str) -> Advised:
-    """What to do with a model that does not fit the data as it stands, though a refit does."""
+    """The step that mends a model which does not fit the data as it stands, where a refit does."""
     data = made.given.source
     if not refits(made):
         return Advised("to find what changed since it was fitted", ("changed", data, "--model", model))
@@ -80,7 +80,7 @@ def fitted_to(made: Problem) -> bool:
 
 
 def refits(made: Problem) -> bool:
-    """Whether a refit mends a model that does not fit as it stands: its own data, or gross rows, have bent it."""
+    """Whether to advise a refit: the model was fitted to this very file, or gross rows have bent the fit."""
     return fitted_to(made) or bool(len(made.outliers.rows))
 
 
@@ -124,5 +124,5 @@ def advice(found: Diagnosis) -> list[dict[str, Any]]:
 
 
 def does_as_geometry(f: Finding) -> bool:
-    """Whether some change of the geometry does just what it does, at any poses."""
+    """Whether a change of the geometry has exactly the effect's signal, at any poses."""
     return f.kappa < SAME

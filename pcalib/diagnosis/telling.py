@@ -65,9 +65,9 @@ def _as_given(found: Diagnosis) -> str:
 
 
 def _bounds(found: Diagnosis) -> str:
-    """Which bounds of the fit may have kept the model from its data."""
+    """Bounds that may have prevented a better fit, as a clause."""
     bounds = found.problem.model.options.bounds if fitted_to(found.problem) else {}
-    return f": the bound on {' and '.join(bounds)} keeps the fit from more" if bounds else ""
+    return f": the bound on {' and '.join(bounds)} may prevent a better fit" if bounds else ""
 
 
 def _beyond(found: Diagnosis) -> str:
@@ -316,7 +316,7 @@ def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
 
 
 def stale(c: Comparison) -> bool:
-    """Whether nothing but an older model keeps it from its data: a refit would leave noise."""
+    """Whether a refit would leave no more than noise of what the model leaves over."""
     noisy = bool(hot_cells(c.cells)) or c.misfit.p < HOT
     return not noisy and bool(c.misfit.dof) and c.times_noise[0] > MORE * c.misfit.times_noise
 
@@ -330,7 +330,7 @@ def comparison_sentence(c: Comparison) -> str:
         text += f"; held-out poses by {_apart(c.check, turned)}, {held:.1f} times"
     if c.set_up_anew is not None:
         left = size(c.set_up_anew)
-        return f"{text}. The tracker was set up anew: in the frame that suits these rows {left} RMS is left."
+        return f"{text}. The tracker was set up anew: with its frame found from these rows, {left} RMS is left."
     hot, left = hot_cells(c.cells), c.misfit.times_noise
     spare = f" for the {c.misfit.dof} readings to spare" if (hot or c.misfit.p < HOT) and times < 1 else ""
     if hot:

@@ -32,7 +32,7 @@ class Doubt(StrEnum):
     CORRELATED = "the noise is correlated in time, and held-out rows among the others share it"
     CLOSE = "replicates lie too close in time to stand for slow noise, which would look the same"
     FEW = "too few readings are left over to establish anything"
-    LAW = "a law that no effect stands for explains these data better"
+    LAW = "a law that is no listed effect explains these data better"
     EDGE = "a parameter lies at the edge of its physical range"
 
 

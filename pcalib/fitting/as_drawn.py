@@ -45,12 +45,12 @@ class Nominal:
 
     @property
     def typical(self) -> float:
-        """[m] Within which half of the rows are."""
+        """[m] Median error."""
         return float(np.median(self.error)) if len(self.error) else 0.0
 
     @property
     def limit(self) -> float:
-        """[m] Beyond which a row is far off."""
+        """[m] Error above which a row counts as far off."""
         return max(8 * self.typical, LARGE)
 
     @property
@@ -110,8 +110,10 @@ def _error(point: np.ndarray, position: np.ndarray, frame: str) -> np.ndarray:
 
 
 def _together(point: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """(N,) rows whose distances to half of the others are those of the robot: no registration is needed to see which
-    rows are far from everything, and one such row would spoil it. All rows where no half goes together."""
+    """(N,) Rows whose distances to half of the others are those of the robot; all rows where no half agrees.
+
+    Distances need no registration, which a single gross row would spoil.
+    """
     apart = np.linalg.norm(position[:, None] - position, axis=-1) - np.linalg.norm(point[:, None] - point, axis=-1)
     off = np.median(np.abs(apart), axis=1)
     some = off <= max(8 * float(np.median(off)), LARGE)

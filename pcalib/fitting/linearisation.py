@@ -31,9 +31,10 @@ def chunks(n: int) -> Iterator[slice]:
 
 
 MOVED, ANEW = 1e-3, 10.0
-"""[m] RMS from which on, and times what is left in another frame, a tracker is said to have been set up anew."""
+"""A tracker is said to have been set up anew where the RMS error exceeds MOVED [m], and ANEW times what is left in the
+frame found anew."""
 FEWEST_ANEW = 6
-"""Rows that say so: a frame has six numbers, and six positions eighteen."""
+"""Fewest rows from which that is said: six positions give eighteen numbers for the six parameters of a frame."""
 TURNED = np.radians(1.0)
 """[rad] mean turn of the plate from the drawing, in a tracker's frame, from which on the tracked body's own axes are
 unknowns: the tolerances of parts turn no plate so far, and who glues a target on does not align it better."""
@@ -343,9 +344,9 @@ def register(model: Model, data: Measurements) -> Frame:
 
 
 def set_up_anew(model: Model, data: Measurements) -> Model | None:
-    """The model in the frame in which a tracker that was set up anew reads; None where it stands where it stood.
+    """The model in the frame of a tracker that was set up anew, found from the data; None where it has not been moved.
 
-    The target sits on the plate as it sat. A model that is merely worse than it was is never off by so much.
+    The target's place on the plate is kept. Errors of the robot alone are never so large.
     """
     if data.frame != "tracker" or model.frame is None:
         return None

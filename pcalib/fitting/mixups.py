@@ -30,12 +30,12 @@ SMALL = 0.3
 """Residuals over their σ below which on the values themselves are doubted: no σ is stated three times too large, and
 values in a unit fifty times too large are."""
 TURNED = np.radians(5.0)
-"""Median rotation in the file from which on it matters how its three numbers are read, although the data look near."""
+"""[rad] Median rotation above which other conventions of the three numbers are tried even where the data look near."""
 AT_NOISE = 1.5
-"""Times σ that a quick fit may leave over before the rotations of such a file are read otherwise."""
+"""RMS residual of the quick fit, in σ, above which such rotations are tried in other conventions."""
 BETTER = 0.7
-"""Share of the cost below which another reading of such rotations must come: what a model lacks, and other readings
-cannot take up, is in both."""
+"""Another reading of such rotations must lower the cost below this share. Physics that the model lacks adds to both
+costs."""
 ABSURD = 100.0
 """Manufacturing tolerances (10 mm, 5°, 10 %) from which on a number is that of another robot, or of a mistake."""
 _ROUGH = 0.06
@@ -192,7 +192,7 @@ def _readings(data: Measurements, robot: Robot, here: Distance | None) -> list[m
 
 
 def _turned_otherwise(data: Measurements, robot: Robot, here: Distance | None) -> list[misreadings.Misreading]:
-    """Other readings of large rotations that explain data better which are near as they are read, best first.
+    """Other readings of large rotations that explain the data better, although these look near as they are; best first.
 
     In a tracker's frame the body's own turn is found with the rest, which hides most of a wrong order of angles.
     """

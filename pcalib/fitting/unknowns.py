@@ -19,8 +19,8 @@ _FRAME_SCALE = 1e-3
 _TARGET_PRIOR = 1e-2
 """[m] The target's place is stated to a centimetre at worst; what of it is a gauge stays there."""
 _TURN_PRIOR = 1.0
-"""[rad] How far the tracked body may be turned from where registration found it: of levels that leave rotations out no
-reading tells, and where rotations count it is nothing beside them."""
+"""[rad] Prior 1σ of the tracked body's turn about its registered value. No reading determines it in levels that leave
+rotations out; elsewhere the readings outweigh this prior by far."""
 
 
 @dataclass(frozen=True)

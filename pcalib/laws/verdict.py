@@ -64,13 +64,13 @@ def beside(found: Diagnosis, seed: int = 0) -> Beside | None:
 
 
 def with_laws(found: Diagnosis, seed: int = 0) -> Diagnosis:
-    """The diagnosis with what laws say against what it had established."""
+    """The diagnosis, in which no effect is established where a law explains the data better."""
     laws = beside(found, seed)
     return found if laws is None else laws.found
 
 
 def chance(tried: int) -> float:
-    """What the best of many laws that are all wrong takes off χ²: the largest of n squared normal variates."""
+    """Reduction of χ² that the best of n wrong laws reaches by chance: the largest of n squared normal variates."""
     return 2 * log(max(tried, 1))
 
 
@@ -83,7 +83,7 @@ def _with_doubt(found: Diagnosis) -> Diagnosis:
 
 
 def _named_bic(found: Diagnosis) -> float:
-    """BIC of the best explanation on the scale of the laws: ln M for each of its columns less what they take."""
+    """BIC of the best explanation on the scale of the laws: ln M per column, less the χ² that they explain."""
     made, best = found.problem, found.sets[0]
     specs = [c.spec for c in made.candidates]
     chosen = [specs.index(spec) for spec in best.specs if spec in specs]

@@ -114,7 +114,7 @@ class Sensor(ABC):
 
 
 _TRIES = 30
-"""Evaluations of a set-up's residuals from one start: a good one takes ten, one beside a gross reading any number."""
+"""Most evaluations from one start: a good start takes ten, and gross readings may prevent convergence."""
 
 Function = Callable[[np.ndarray], np.ndarray]
 """Of the unknowns of a set-up: (n,) residuals, or their (n, p) derivatives."""

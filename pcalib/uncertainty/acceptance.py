@@ -31,7 +31,7 @@ from pcalib.unexplained import TOOL_MARGIN
 RISK = 0.05
 """Of accepting a robot that is not as good as asked for; the default of ISO 14253-1 for specification limits."""
 COMMANDED = 0.02
-"""Share of the noise below which misses were never measured: commands are rounded to less."""
+"""RMS miss, as a share of the noise, below which positions are targets and no measurements: rounding leaves less."""
 FEWEST = 8
 """Commands below which nothing is decided: with seven the scatter of the misses is known to a third."""
 MOST = 2000

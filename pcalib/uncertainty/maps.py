@@ -39,7 +39,7 @@ def of_model(model: Model, effect_files: Sequence[str] = ()) -> Ladder:
 
 
 def _states(step: Step) -> bool:
-    """Whether the model of a step says what to expect of its commands: it does so of exact ones."""
+    """Whether the step's model states an uncertainty, which holds for exact commands only."""
     return step.method == "exact" and step.model.posterior is not None and step.model.uncertainty is not None
 
 

@@ -18,7 +18,7 @@ from pcalib.unexplained import DIRECTION, TEMPERATURE, Unexplained
 from pcalib.wording import figure, size
 
 MORE = 1.5
-"""Times the radius beside a taught frame from which on the one without it is another figure."""
+"""Both radii are said where the one without a taught frame is at least this many times the other."""
 REFERENCE = 20.0
 """[°C] of a robot whose temperatures were not recorded."""
 
@@ -100,7 +100,7 @@ def at_targets(
 
 
 def usual_columns(model: Model, n: int) -> dict[str, np.ndarray]:
-    """What effects need, at the middle of what was measured, (n,) each."""
+    """Columns (n,) that the model's effects need, each at the middle of its measured range."""
     kept = model.uncertainty
     assert kept is not None
     needed = {name for fitted in model.effects for name in fitted.effect.needs}

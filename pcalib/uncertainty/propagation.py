@@ -28,7 +28,7 @@ COMPONENTS = ("geometry", "effects", "rivals", "unexplained", "frame")
 EITHER = 0.5
 """Weight of 'the instrument moved' where an effect moves the base: no reading tells one from the other."""
 FEWEST_TAUGHT = 20
-"""Landings that a frame is taught with: six of their coordinates, a tenth of all, are taken by the frame."""
+"""Fewest landings to which a frame is fitted: its six parameters are then a tenth of their coordinates."""
 CHUNK = 2000
 """Commands at a time: derivatives of 2000 poses by 60 parameters are 6 MB."""
 
@@ -117,13 +117,13 @@ def _by_geometry(model: Model, p: Prediction, at: Closure, JX: np.ndarray) -> np
 
 
 def base_is_unknown(model: Model) -> bool:
-    """Whether the readings of the fit do not say where the base stands: those in a tracker's frame, and of sensors."""
+    """Whether the readings of the fit leave open where the base stands: those in a tracker's frame, and of sensors."""
     return model.frame is not None or bool(model.setup)
 
 
 def taught(model: Model, expected: Expected, q: np.ndarray, conditions: Conditions) -> float | None:
     """[m] radius that contains 95 % of landings once a rigid motion of all is allowed for; None where readings say
-    where the base stands, or where so few landings have no shape."""
+    where the base stands, or where there are too few landings to fit a frame to."""
     rows = np.flatnonzero(np.isfinite(expected.covariance).all(axis=(1, 2)))
     if not base_is_unknown(model) or len(rows) < FEWEST_TAUGHT:
         return None

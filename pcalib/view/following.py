@@ -14,11 +14,11 @@ from pcalib.model import Model
 from pcalib.view.story import write
 
 PAUSE = 0.3
-"""[s] between two looks at the file: a step appears without a wait that is noticed, at no load that is."""
+"""[s] Interval between two reads of the file: short enough for a step to appear at once."""
 
 
 class Window(Protocol):
-    """What takes recordings; `viewer.Live` is one."""
+    """A window that shows recordings, such as `viewer.Live`."""
 
     def open(self) -> bool:
         """Whether it has not been closed."""

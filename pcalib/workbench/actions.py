@@ -16,7 +16,7 @@ ACTIONS = (
     "inspect", "fit", "compare", "diagnose", "look", "try", "add", "plan", "compensate", "propose", "view", "export",
 )  # fmt: skip
 CHAINS = {"begin": ("inspect", "fit", "compare", "diagnose", "view"), "add": ("add", "compare", "diagnose", "view")}
-"""What follows by itself: new data are fitted, and every new model is looked at."""
+"""Actions that follow one by themselves: new data are fitted, and every new model is looked at."""
 
 LISTED = re.compile(r"[a-z]\w*([:@][\w.]+)*", re.ASCII)
 """A listed effect, level or part, with its variant. A file of the user's own never matches: a page, or the record of a

@@ -123,7 +123,7 @@ class Workbench:
             raise InputError("a step is being made", remedy="wait until it is there, or cancel it")
 
     def go_on(self) -> None:
-        """Begin with the data where nothing has been done with them yet."""
+        """Start the first fit where the session has no step yet."""
         if not self._session.steps and not self.worker.pending():
             self.run("begin", {})
 

@@ -92,7 +92,7 @@ class Worker:
                 self._process.terminate()
 
     def close(self) -> None:
-        """End everything; what is recorded of what waits stays."""
+        """End all commands. The record keeps those that wait, so that the session goes on with them."""
         with self._change:
             self._closed = True
             self._change.notify_all()

@@ -59,7 +59,7 @@ def test_a_model_of_another_day_leads_to_what_changed_and_one_of_these_data_to_a
     capfd.readouterr()
     assert cli.main(["diagnose", str(bounded / "data.csv"), "--model", str(model)]) == 0
     out = capfd.readouterr().out
-    assert "the bound on l11 keeps the fit from more" in out
+    assert "the bound on l11 may prevent a better fit" in out
     [line] = [line for line in out.splitlines() if line.startswith("  pcalib fit ")]
     assert cli.main(shlex.split(line)[1:]) == 0
     assert "at the noise" in capfd.readouterr().out

@@ -17,7 +17,7 @@ def test_a_law_of_one_joint_is_no_backlash():
     laws = beside(found)
     assert laws is not None and laws.found.verdict == "ambiguous" and not laws.found.established
     assert laws.found.sets[0].doubts[-1] is Doubt.LAW and "direction of motor 3" in laws.rivals[0]
-    assert "a law that no effect stands for explains these data better" in telling.sentence(laws.found)
+    assert "a law that is no listed effect explains these data better" in telling.sentence(laws.found)
 
 
 def test_an_effect_that_is_there_stays_established_beside_laws():

@@ -115,7 +115,7 @@ class TestFiles:
             session.load(tmp_path)
 
     def test_the_same_file_again_changes_nothing(self, running):
-        """As when a session is begun with data and robot that it has, to go on with it."""
+        """A session is begun again with the data and the robot that it has already."""
         _, bench = running
         bench.take("robot.toml", b"[geometry]")
         step = session.Step("complete", "model1.toml", {}, "model1.html")

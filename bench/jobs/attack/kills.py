@@ -4,7 +4,7 @@
 
 Each time everything, the main process alone, or one of its workers gets SIGKILL at a random moment: while workers
 start, while they are at work, while files are written. After that nothing of the command may run any more within five
-seconds, no result may be there by halves, and the same command, given again, ends with the same bytes and leaves
+seconds, no result may be incomplete, and the same command, given again, ends with the same bytes and leaves
 nothing else.
 """
 
@@ -34,9 +34,9 @@ MARK = "PCALIB_KILLED"
 GRACE = 5.0
 """[s] within which nothing of a killed command may run any more."""
 AGAIN = 5
-"""Kills after which a command that begins anew each time is let through to its end."""
+"""Kills after which a command that always begins anew may run to its end."""
 LONGEST = 600.0
-"""[s] of a command that is left alone."""
+"""[s] Longest time that a command may take which is not killed."""
 
 SPEC = """\
 name = "killed"
@@ -58,9 +58,9 @@ class Victim:
     """A command that is killed."""
 
     words: str
-    """Of its command line; the first is the program."""
+    """Words of its command line; the first one is the program."""
     workers: bool = False
-    """Whether it has processes that may die alone."""
+    """Whether its worker processes are killed by themselves too."""
     onwards: bool = False
     """Whether it goes on where it was killed, instead of beginning anew."""
     once: bool = False
@@ -101,7 +101,7 @@ def command(
     """
     names = list(VICTIMS) if only is None else [only]
     if not set(names) <= set(VICTIMS):
-        frame.fail(f"'{only}' is not killed; these are: {', '.join(VICTIMS)}")
+        frame.fail(f"'{only}' cannot be killed here; these are the commands that can: {', '.join(VICTIMS)}")
         return frame.BAD_INPUT
     kills = len(names) if quick else kills
     wrong: list[str] = []
@@ -140,7 +140,7 @@ class _Place:
         self.found = _Found(Counter(), 0, [])
 
     def torment(self, kills: int) -> _Found:
-        """Kill it so many times, and let it end in between and at last."""
+        """Kill the command so many times; it runs to its end now and then, and at last."""
         memory = _shared_memory()
         self._begin()
         begun = time.monotonic()
@@ -174,7 +174,7 @@ class _Place:
         return self.found
 
     def _end(self, whole: dict[str, bytes]) -> None:
-        """Let it through."""
+        """Let the command run to its end, and compare what it wrote."""
         if not (self.victim.once and _content(self.folder).keys() >= whole.keys()):
             code, _ = self._run(None)
             if code != 0:
@@ -214,7 +214,7 @@ class _Place:
         return process.returncode, what
 
     def _kill(self, process: subprocess.Popen[bytes]) -> str:
-        """Kill something of a command; what it was."""
+        """Kill one process of the command, or all of them; returns which."""
         others = [one for one in self._running() if one != process.pid]
         kinds = ["everything", "the main process", *(["a worker"] if self.victim.workers and others else [])]
         what = self.dice.choice(kinds)
@@ -246,13 +246,13 @@ class _Place:
             time.sleep(0.05)
 
     def _no_halves(self, whole: dict[str, bytes]) -> None:
-        """Results that are visible are whole; the window's record tells the way, and a recording has other bytes."""
+        """Check that no result is there in part. The workbench's record and recordings differ from run to run."""
         for name, content in _content(self.folder).items():
             if name in whole and not name.endswith((".rrd", "session.json")) and content != whole[name]:
-                self.found.wrong.append(f"{name} is there by halves")
+                self.found.wrong.append(f"{name} is incomplete")
 
     def _compare(self, whole: dict[str, bytes]) -> None:
-        """What stands in the folder in the end is what it would be without kills; begin anew."""
+        """Compare the folder with that of a run without kills, and empty it for the next run."""
         ended = _content(self.folder)
         self.found.ends += 1
         self.found.wrong += [f"{name} is left behind" for name in sorted(ended.keys() - whole.keys())]
