@@ -32,6 +32,8 @@ from pcalib.shown import Tabled
 
 FRAMES = {"base": "base", "tracker": "tracker", "artefact": "tracker"}
 """Measuring frames that a file may name, and how they are handled: an artefact's place is as unknown as a tracker's."""
+MOST_ROUNDS = 1000
+"""Largest number of rounds of measuring that a file may state: more is a mistake."""
 MOST_BETWEEN = 2000
 """Rows of a file with distances between poses: fits of more rows go chunk by chunk, and would part the poses."""
 _UNIT = {"length": "mm", "angle": "deg", "mass": "kg", "temperature": "degC", "time": "s"}
@@ -80,6 +82,8 @@ class Measurements(Tabled):
     """(N, 6, 6) correlation of each row's readings; None where they are independent."""
     instrument: Instrument | None = None
     """What the file states of the instrument beyond σ per component; `sigma` and `correlation` hold it already."""
+    rounds: int = 1
+    """Rounds of measuring that are joined in it: each is one more look at whether something is missing."""
     date: datetime.date | None = None
     """Day of the session, where the file says it."""
     written: np.ndarray | None = None
@@ -263,7 +267,7 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
     columns = cols.assign(table, wanted | keys | sensed.quantities(), plain, len(names))
     cols.require(columns, dict.fromkeys(names, dimension), "it holds the commanded actuator values")
     options = sensed.options(table)
-    others = instruments.KEYS | {"date": "date"} | dict.fromkeys(options, "surface_A")
+    others = instruments.KEYS | {"date": "date", "rounds": "rounds"} | dict.fromkeys(options, "surface_A")
     said = cols.metadata(table, keys, ("frame", "robot", "euler"), others)
     frame = said.get("frame", "base")
     if frame not in FRAMES:
@@ -296,7 +300,7 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
         tool=point, payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
         sigma=sigma, stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
-        correlation=correlation, instrument=instrument, date=_date(table), written=written,
+        correlation=correlation, instrument=instrument, date=_date(table), rounds=_rounds(table), written=written,
         euler=str(said.get("euler", "")),
     )  # fmt: skip
     return _with_readings(data, found, options, {key: table.metadata[key] for key in options}) if found else data
@@ -384,6 +388,17 @@ def _date(table: Table) -> datetime.date | None:
         ) from None
 
 
+def _rounds(table: Table) -> int:
+    """The metadata `# rounds = 2`."""
+    text = table.metadata.get("rounds", "1").strip()
+    if not (text.isascii() and text.isdigit() and 1 <= int(text[:5]) <= MOST_ROUNDS and len(text) <= 4):
+        raise InputError(
+            f"rounds = {text} is no number of rounds of measuring", file=table.source,
+            line=table.metadata_lines.get("rounds"), remedy=f"write a whole number from 1 to {MOST_ROUNDS}",
+        )
+    return int(text)
+
+
 def save(path: str | Path, data: Measurements) -> None:
     """Write a measurement file, atomically: Parquet where the name ends with .parquet, else CSV.
 
@@ -449,6 +464,8 @@ def written(data: Measurements) -> tuple[dict[str, np.ndarray | list[str]], dict
     if data.check.any():
         out["set"] = ["check" if held else "fit" for held in data.check]
     head = {"robot": data.robot_name, "frame": data.frame} if data.robot_name else {"frame": data.frame}
+    if data.rounds > 1:
+        head["rounds"] = str(data.rounds)
     if data.date is not None:
         head["date"] = data.date.isoformat()
     if data.instrument is not None:

@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from pcalib.data.measurement import Measurements
-from pcalib.diagnosis import adequacy, plausibility
+from pcalib.diagnosis import adequacy, plausibility, rounds
 from pcalib.diagnosis.adequacy import AGAINST, SEARCH, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
 from pcalib.diagnosis.held_out import HeldOut, refitted
@@ -113,6 +113,8 @@ class Diagnosis(Shown):
     """Single p below which something counts as found, all that was looked at considered."""
     nearly: Nearly | None = None
     """Effects that take up nearly everything, where nothing explains all."""
+    round: int = 1
+    """Number of the round of measuring and diagnosing: later ones ask for more."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ class _World:
         effects = [g for g, c in enumerate(made.candidates) if c.effect is not None]
         effects.sort(key=lambda g: len(made.candidates[g].scale))
         return adequacy.adequate_sets(
-            screen, effects, size, level, float(np.quantile(self.null, level)),
+            screen, effects, size, level, adequacy.limit(self.null, level),
             names=[c.name for c in made.candidates], feasible=lambda chosen: possible(made, screen, chosen),
         )  # fmt: skip
 
@@ -155,7 +157,7 @@ def diagnose(
     Args:
         own: the user's own effects, beside those of the library.
         largest: most effects in one explanation.
-        alpha: false alarms allowed for, over everything that is looked at.
+        alpha: false alarms allowed for in a first round, over everything that is looked at.
         n_draws: Monte-Carlo draws of pure noise.
         without: names of effects that are not considered, because they are known not to be there.
         against: share of true explanations that may be dropped, single ones and larger ones.
@@ -173,10 +175,12 @@ def diagnose(
             file=data.source,
             remedy="measure more poses; three times as many as the fit needs is usual",
         )
+    spent = rounds.share(data.rounds)
+    alpha *= spent
     screen = made.screen(n_draws, seed)
     start = adequacy.p_values(screen)
     null = adequacy.null_distribution(screen)
-    critical = float(np.quantile(null, alpha))
+    critical = adequacy.limit(null, alpha)
     levels = (alpha, against[0], *[against[1]] * (largest - 1))[: largest + 1]
     sets, events = _explanations(
         _World((), made, screen, null, widened or {}), data, own, levels, n_draws, seed, without
@@ -184,7 +188,7 @@ def diagnose(
     if [h.kind for e in sets for h in e.members] == [Kind.LEVEL]:
         sets = _beside_parts(sets[0], made, n_draws, seed, levels[1])
     held = HeldOut.of(made, data)
-    given = _as_given(made, screen, held)
+    given = replace(_as_given(made, screen, held), spent=spent)
     if sets and not sets[0].names and (made.outliers.too_many or given.against):
         sets = []  # what a refit leaves of the rows to fit may look like noise, but the rest does not
     sets = _doubted(sets, made, screen, held, data)
@@ -209,6 +213,7 @@ def diagnose(
         events=tuple(c for i in events for c in hot if c.found is made.patterns[i].found),
         critical=critical,
         nearly=nearly,
+        round=data.rounds,
     )
 
 
@@ -257,7 +262,7 @@ def _beside_parts(best: Explanation, made: Problem, n_draws: int, seed: int, lev
     wider = replace(made, candidates=(*made.candidates, *(Candidate.of(h, made.point) for h in beyond)))
     screen = wider.screen(n_draws, seed)
     world = _World((), wider, screen, adequacy.null_distribution(screen), {})
-    reference, first = float(np.quantile(world.null, level)), len(made.candidates)
+    reference, first = adequacy.limit(world.null, level), len(made.candidates)
     rivals: list[Explanation] = []
     spans: list[np.ndarray] = []
     for g in sorted(range(first, first + len(beyond)), key=lambda g: screen.visible[g]):
@@ -412,7 +417,7 @@ class _Event:
 def _events(world: _World, level: float) -> list[_Event]:
     """Steps and changes of slope that explain everything by themselves, best first."""
     made, screen, out = world.problem, world.screen, []
-    reference, time = float(np.quantile(world.null, level)), memories.time_of(made.data)
+    reference, time = adequacy.limit(world.null, level), memories.time_of(made.data)
     for i, pattern in enumerate(made.patterns):
         g = len(made.candidates) + i
         if pattern.found is None or not screen.visible[g] or not adequacy.explains(screen, [g]):

@@ -63,6 +63,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "schema": "pcalib.diagnosis/1",
         "verdict": found.verdict,
         "sentence": sentence(found),
+        "round": found.round,
         "established": list(found.established),
         "adequate": [list(e.names) for e in found.sets if e.names],
         "explanations": [

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pcalib import effects
+from pcalib.diagnosis import rounds
+from pcalib.diagnosis.adequacy import SEARCH
 from pcalib.diagnosis.advice import does_as_geometry, fitted_to
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, Why
@@ -199,7 +201,7 @@ def broken(made: Problem, cell: Cell) -> str:
 
 def details(found: Diagnosis) -> list[str]:
     """What to know beside the verdict, one sentence each."""
-    out = [noise_sentence(found.problem), *looked_at(found.problem), *far_rows(found.problem)]
+    out = [noise_sentence(found.problem), *looked_at(found.problem), *far_rows(found.problem), *_round(found)]
     out += [f"Held-out poses: {_held_out(e.held_out)}." for e in found.sets if e.held_out is not None]
     if found.sets and found.events:
         out.append(f"It may as well be an event: {broken(found.problem, found.events[0])}.")
@@ -210,6 +212,18 @@ def details(found: Diagnosis) -> list[str]:
     if not found.noise.verified and found.verdict in ("established", "ambiguous", "unexplained"):
         out.append("Without replicates this is a ranking rather than a proof.")
     return out
+
+
+def _round(found: Diagnosis) -> list[str]:
+    """Which round of measuring this is, and what that changes."""
+    if found.round == 1:
+        return []
+    now = rounds.share(found.round) * SEARCH
+    return [
+        f"Round {found.round} of measuring and asking again: something counts as found where noise alone gives it in "
+        f"{figure(now * 100, 2)} % of cases, instead of {SEARCH:.0%} in round 1. So many rounds together raise few "
+        "false alarms."
+    ]
 
 
 def _held_out(change: Change) -> str:

@@ -61,12 +61,14 @@ class AsGiven:
     """Probability of a larger χ² of the held-out rows, with the whole covariance and the doubt of the fit."""
     stated: float = 1.0
     """Noise that is left over, over the stated one, where no replicates stand behind it; else 1."""
+    spent: float = 1.0
+    """Share of the first round's chance of a false alarm that is spent in this round of measuring."""
 
     @property
     def against(self) -> tuple[Against, ...]:
         """What speaks against the model as it stands."""
         found = {
-            Against.STALE: self.refit_p < RARE, Against.HELD_OUT: self.check_p < HELD_OUT,
+            Against.STALE: self.refit_p < RARE * self.spent, Against.HELD_OUT: self.check_p < HELD_OUT * self.spent,
             Against.STATED: self.stated > LOUD,
         }  # fmt: skip
         return tuple(reason for reason, holds in found.items() if holds)
