@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pcalib import rotation, wording
 from pcalib.data.measurement import Measurements
+from pcalib.fitting.wild import Wild, wild
 from pcalib.mechanics import kinematics
 from pcalib.robot import Robot
 
@@ -35,6 +36,8 @@ class Nominal:
     """[m] RMS after the best rigid registration of the measuring frame."""
     turn: float = np.nan
     """[rad] median turn of the plate from the nominal robot, base frame only; NaN: none."""
+    wild: tuple[Wild, ...] = ()
+    """Readings of sensors that are far off where most are near."""
 
     @property
     def distance(self) -> str:
@@ -61,11 +64,17 @@ class Nominal:
     @property
     def odd(self) -> np.ndarray:
         """Rows that are far off where most are near."""
-        return np.zeros(0, int) if self.far else self.rows[self.error > self.limit]
+        poses = np.zeros(0, int) if self.far else self.rows[self.error > self.limit]
+        return np.concatenate([poses, *(each.rows for each in self.wild)])
 
 
 def compare(data: Measurements, robot: Robot) -> Nominal:
     """Compare the data with the nominal robot."""
+    return replace(_poses(data, robot), wild=wild(data, robot))
+
+
+def _poses(data: Measurements, robot: Robot) -> Nominal:
+    """The comparison of rows that read poses."""
     full = np.flatnonzero(data.mask[:, :3].all(axis=1))
     full = full[np.linspace(0, len(full) - 1, min(len(full), ROWS)).astype(int)] if len(full) else full
     nothing = np.zeros(0, int)
@@ -91,13 +100,20 @@ def compare(data: Measurements, robot: Robot) -> Nominal:
 
 def rows_apart(found: Nominal, data: Measurements) -> str:
     """Which rows are far off where most are near, for a message; '' where none is."""
-    if not len(found.odd):
-        return ""
-    where = wording.lines(data.lines[found.odd])
-    return (
-        f"More than {found.limit * 1e3:.3g} mm from the nominal robot, where half of all are within "
-        f"{found.typical * 1e3:.2g} mm: {where}. Do command and measurement belong together?"
-    )
+    size = {"length": wording.size, "angle": wording.angle}
+    said = [
+        f"{wording.capital(each.what)} more than {size[each.dimension](each.limit)} from those of the nominal robot, "
+        f"where half of all are within {size[each.dimension](each.typical)}: {wording.lines(data.lines[each.rows])}."
+        for each in found.wild
+    ]
+    odd = np.setdiff1d(found.odd, np.concatenate([np.zeros(0, int), *(each.rows for each in found.wild)]))
+    if len(odd):
+        where = wording.lines(data.lines[odd])
+        said.append(
+            f"More than {found.limit * 1e3:.3g} mm from the nominal robot, where half of all are within "
+            f"{found.typical * 1e3:.2g} mm: {where}."
+        )
+    return " ".join([*said, "Do command and measurement belong together?"]) if said else ""
 
 
 def _error(point: np.ndarray, position: np.ndarray, frame: str) -> np.ndarray:

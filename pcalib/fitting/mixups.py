@@ -19,6 +19,7 @@ from pcalib.errors import PcalibError
 from pcalib.fitting import drawing, far_numbers
 from pcalib.fitting.as_drawn import LARGE_TURN, Nominal, compare
 from pcalib.fitting.drawing import ALIKE, Distance
+from pcalib.fitting.wild import wild
 from pcalib.robot import Robot
 
 GAIN = 0.25
@@ -140,7 +141,7 @@ def judge(data: Measurements, robot: Robot, *, always: bool = False) -> Judgemen
         always: try every other reading, even where nothing is suspicious.
     """
     with np.errstate(invalid="ignore", divide="ignore"):  # drawings that no robot can have are tried too
-        return _judge(_without_far_rows(drawing.some_rows(data), robot), robot, always)
+        return _judge(_without_far_rows(drawing.some_rows(_without_wild(data, robot)), robot), robot, always)
 
 
 def _judge(some: Measurements, robot: Robot, always: bool) -> Judgement:
@@ -251,6 +252,12 @@ def _size(robot: Robot) -> float:
     """[m] the largest length of the drawing."""
     mechanism = robot.mechanism
     return float(np.abs(mechanism.nominal[np.array(mechanism.units) == "m"]).max())
+
+
+def _without_wild(data: Measurements, robot: Robot) -> Measurements:
+    """The data without readings of sensors that are far off where most are near: they are named by themselves."""
+    far = [each.rows for each in wild(data, robot)]
+    return data.take(np.setdiff1d(np.arange(len(data)), np.concatenate(far))) if far else data
 
 
 def _without_far_rows(data: Measurements, robot: Robot) -> Measurements:

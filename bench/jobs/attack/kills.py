@@ -88,6 +88,11 @@ VICTIMS = {
 }  # fmt: skip
 
 
+def _may_be_interrupted() -> None:
+    """Let Ctrl-C reach a program although this one was started in the background, where shells ignore it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def command(
     *, kills: int = 100, seed: int = 0, only: str | None = None, quick: bool = False, json: frame.JsonOption = None
 ) -> int:
@@ -199,6 +204,7 @@ class _Place:
             [sys.executable, "-c", PROGRAM.format(program), *words], cwd=self.folder, start_new_session=True,
             stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             env=os.environ | {"PYTHONPATH": str(ROOT), MARK: self.mark, "TMPDIR": str(self.folder / "tmp")},
+            preexec_fn=_may_be_interrupted,
         )  # fmt: skip
         while process.poll() is None:
             if self.victim.done is not None and self.victim.done(self.folder):
