@@ -25,7 +25,7 @@ from pcalib.data.instrument import Instrument
 from pcalib.data.readings import Found, Readings
 from pcalib.data.sigma import DEFAULT_SIGMA_POS as DEFAULT_SIGMA_POS
 from pcalib.data.sigma import DEFAULT_SIGMA_ROT as DEFAULT_SIGMA_ROT
-from pcalib.data.table import Table
+from pcalib.data.table import Table, is_number
 from pcalib.errors import InputError
 from pcalib.robot import Robot
 from pcalib.shown import Tabled
@@ -34,6 +34,8 @@ FRAMES = {"base": "base", "tracker": "tracker", "artefact": "tracker"}
 """Measuring frames that a file may name, and how they are handled: an artefact's place is as unknown as a tracker's."""
 MOST_ROUNDS = 1000
 """Largest number of rounds of measuring that a file may state: more is a mistake."""
+MOST_PPM = 1e4
+"""[ppm] σ of a scale from which on it is a mistake: one per cent."""
 MOST_BETWEEN = 2000
 """Rows of a file with distances between poses: fits of more rows go chunk by chunk, and would part the poses."""
 _UNIT = {"length": "mm", "angle": "deg", "mass": "kg", "temperature": "degC", "time": "s"}
@@ -84,6 +86,8 @@ class Measurements(Tabled):
     """What the file states of the instrument beyond σ per component; `sigma` and `correlation` hold it already."""
     rounds: int = 1
     """Rounds of measuring that are joined in it: each is one more look at whether something is missing."""
+    sigma_scale: float = 0.0
+    """1σ of the instrument's scale, as its certificate says: the relative error that all lengths share."""
     date: datetime.date | None = None
     """Day of the session, where the file says it."""
     written: np.ndarray | None = None
@@ -267,7 +271,8 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
     columns = cols.assign(table, wanted | keys | sensed.quantities(), plain, len(names))
     cols.require(columns, dict.fromkeys(names, dimension), "it holds the commanded actuator values")
     options = sensed.options(table)
-    others = instruments.KEYS | {"date": "date", "rounds": "rounds"} | dict.fromkeys(options, "surface_A")
+    plainly = {key: key for key in ("date", "rounds", "sigma_scale_ppm")}
+    others = instruments.KEYS | plainly | dict.fromkeys(options, "surface_A")
     said = cols.metadata(table, keys, ("frame", "robot", "euler"), others)
     frame = said.get("frame", "base")
     if frame not in FRAMES:
@@ -300,7 +305,8 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
         tool=point, payload=cols.payload(columns), columns=numeric, pose_id=pose_ids(table), check=held_out(table),
         sigma=sigma, stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
-        correlation=correlation, instrument=instrument, date=_date(table), rounds=_rounds(table), written=written,
+        correlation=correlation, instrument=instrument, date=_date(table), written=written,
+        rounds=_rounds(table), sigma_scale=_sigma_scale(table),
         euler=str(said.get("euler", "")),
     )  # fmt: skip
     return _with_readings(data, found, options, {key: table.metadata[key] for key in options}) if found else data
@@ -399,6 +405,19 @@ def _rounds(table: Table) -> int:
     return int(text)
 
 
+def _sigma_scale(table: Table) -> float:
+    """The metadata `# sigma_scale_ppm = 5`."""
+    text = table.metadata.get("sigma_scale_ppm", "0")
+    value = float(text) if is_number(text) else np.nan
+    if not 0 <= value < MOST_PPM:
+        raise InputError(
+            f"sigma_scale_ppm = {text} is no 1σ of an instrument's scale", file=table.source,
+            line=table.metadata_lines.get("sigma_scale_ppm"),
+            remedy="write half of the expanded uncertainty (k = 2) of its certificate, in µm per metre, e.g. 5",
+        )
+    return value * 1e-6
+
+
 def save(path: str | Path, data: Measurements) -> None:
     """Write a measurement file, atomically: Parquet where the name ends with .parquet, else CSV.
 
@@ -464,6 +483,8 @@ def written(data: Measurements) -> tuple[dict[str, np.ndarray | list[str]], dict
     if data.check.any():
         out["set"] = ["check" if held else "fit" for held in data.check]
     head = {"robot": data.robot_name, "frame": data.frame} if data.robot_name else {"frame": data.frame}
+    if data.sigma_scale:
+        head["sigma_scale_ppm"] = f"{data.sigma_scale * 1e6:.15g}"
     if data.rounds > 1:
         head["rounds"] = str(data.rounds)
     if data.date is not None:

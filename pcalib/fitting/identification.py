@@ -38,6 +38,7 @@ from pcalib.fitting.result import Fit as Fit
 from pcalib.fitting.result import accuracy, explained
 from pcalib.fitting.scatter import NOT_SCALED, Repeated, Scale, scale, with_joints, with_repeated
 from pcalib.fitting.sufficiency import require_enough, require_order, require_reach, require_rows
+from pcalib.fitting.systematic import of_scale
 from pcalib.fitting.unknowns import Unknowns, level_of, unknowns_of
 from pcalib.fitting.warnings import cautions
 from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Model
@@ -264,7 +265,8 @@ def _posterior(
     known = _left_over(task, fitted, R, data, noise, repeated, supported, half)
     free, unknowns = len(task.unknowns.keep), task.unknowns
     rows = np.r_[np.flatnonzero(unknowns.keep), free + np.arange(unknowns.n_effects)]
-    factor = known.unknowns[: unknowns.n_geometry + unknowns.n_effects]
+    factor = np.hstack([known.unknowns, of_scale(task, fitted, R, data, noise)])
+    factor = factor[: unknowns.n_geometry + unknowns.n_effects]
     whole = np.zeros((free + unknowns.n_effects, factor.shape[1]))
     whole[rows] = factor
     return Posterior.of(model.unknowns, whole, known.left)
