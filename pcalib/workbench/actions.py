@@ -58,16 +58,17 @@ def queue(wanted: Sequence[Wanted], session: Session) -> list[Task]:
     """
     out = []
     for one in wanted:
-        out.append(task(one.action, session, one.asked))
+        out.append(task(one.action, session, one.asked, one.model))
         session = with_step(session, out[-1], {})
     return out
 
 
-def task(action: str, session: Session, asked: Mapping[str, str]) -> Task:
+def task(action: str, session: Session, asked: Mapping[str, str], model_file: str = "") -> Task:
     """The command of an action.
 
     Args:
         asked: what the page sent with it: `effect`, `between`, `targets`, `tool`, `to`, `level`.
+        model_file: the model that it makes, where it was begun before; empty: a new name.
 
     Raises:
         InputError: an unknown action, or one that the session is not ready for.
@@ -76,7 +77,7 @@ def task(action: str, session: Session, asked: Mapping[str, str]) -> Task:
         raise InputError(unknown("action", action, ACTIONS))
     if not session.data or not session.robot:
         raise InputError("a data file and a robot file are needed first")
-    data, robot, fresh = session.data, session.robot, session.fresh()
+    data, robot, fresh = session.data, session.robot, Path(model_file).stem or session.fresh()
     step, effect = session.step, asked.get("effect", "")
     for key, value in asked.items():
         if value.startswith("-") and key != "tool":

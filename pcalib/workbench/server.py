@@ -74,7 +74,7 @@ class Workbench:
             self._keep(replace(actions.done(self._session, task), pending=self._pending()[1:]))
 
     def _pending(self) -> tuple[Wanted, ...]:
-        return tuple(Wanted(task.action, task.asked) for task in self.worker.pending())
+        return tuple(Wanted(task.action, task.asked, task.model) for task in self.worker.pending())
 
     def _record_pending(self) -> None:
         with self._lock:

@@ -24,6 +24,7 @@ SHAPE = {
 }  # fmt: skip
 LARGEST = 64 * 2**20
 """[bytes] of one file that is handed over: a million poses as text."""
+_MODEL = re.compile(r"model\d+\.toml", re.ASCII)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,99}")
 
 
@@ -48,6 +49,8 @@ class Wanted:
     action: str
     asked: Mapping[str, str]
     """What the page sent with it."""
+    model: str = ""
+    """The model file that it makes, which may be there in part: a session that goes on writes it anew."""
 
 
 @dataclass(frozen=True)
@@ -116,9 +119,15 @@ def load(folder: Path) -> Session:
         if name and not is_name(name):  # it becomes a word of a command
             raise InputError(f"'{name:.40}' is no name for a file here", file=record, remedy=remedy)
     commands = tuple(map(tuple, found["commands"]))
-    pending = tuple(Wanted(one["action"], one["asked"]) for one in found["pending"])
+    pending = tuple(Wanted(one["action"], one["asked"], _model_of(one)) for one in found["pending"])
     at = min(int(found["at"]), len(steps) - 1)
     return Session(found["data"], found["robot"], steps, commands, max(at, -1), pending, folder)
+
+
+def _model_of(pending: Mapping[str, Any]) -> str:
+    """The model file that an action makes; records of earlier versions do not have it."""
+    name = pending.get("model", "")
+    return name if isinstance(name, str) and _MODEL.fullmatch(name) else ""
 
 
 def save(session: Session) -> None:

@@ -162,6 +162,21 @@ class TestActions:
         with pytest.raises(InputError, match="is no listed effect"):
             actions.queue([session.Wanted(action, asked)], now)
 
+    def test_what_was_begun_is_written_again_under_its_name(self, tmp_path):
+        wanted = (session.Wanted("fit", {}, "model1.toml"), session.Wanted("compare", {}))
+        session.save(session.Session("d.csv", "r.toml", pending=wanted, source=tmp_path))
+        (tmp_path / "model1.html").write_text("of the fit that was killed")
+        now = session.load(tmp_path)
+        fit, compare = actions.queue(now.pending, now)
+        assert fit.model == "model1.toml" and compare.words[2:4] == ("--model", "model1.toml")
+        assert actions.task("fit", now, {}).model == "model2.toml"  # a new one takes no name that is there
+
+    def test_a_record_names_no_other_file_to_write(self, tmp_path):
+        wanted = (session.Wanted("fit", {}, "../r.toml"),)
+        session.save(session.Session("d.csv", "r.toml", pending=wanted, source=tmp_path))
+        now = session.load(tmp_path)
+        assert actions.queue(now.pending, now)[0].model == "model1.toml"
+
     @pytest.mark.parametrize("spec", ["thermal_rods", "encoder_eccentricity:arm", "gear_ripple:arm@17.3"])
     def test_listed_effects_and_their_variants_run(self, tmp_path, spec):
         now = session.Session("d.csv", "r.toml", (session.Step("complete", "model1.toml", {}),), source=tmp_path)
