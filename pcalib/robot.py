@@ -161,6 +161,26 @@ def _found_workspace(mechanism: Mechanism, low: float, high: float) -> Workspace
     return Workspace(float(np.quantile(np.hypot(x[:, 0], x[:, 1]), 0.8)), float(z_min), float(z_max), tilt, yaw, False)
 
 
+def _require_side(stated: Workspace, mechanism: Mechanism, low: float, high: float) -> None:
+    """Refuse a workspace above the base for a robot that hangs from it.
+
+    Raises:
+        InputError: the robot does not reach it, and reaches its mirror image below the base.
+    """
+    bottom, top = sorted((stated.z_min, stated.z_max))
+    if bottom <= 0:
+        return
+    try:
+        found = _found_workspace(mechanism, low, high)
+    except InputError:  # then nothing is known of where it is
+        return
+    if (found.z_min > top or found.z_max < bottom) and found.z_min < -bottom and found.z_max > -top:
+        raise InputError(
+            "[workspace] lies above the base, and this robot moves below it", section="workspace", key="z_min",
+            remedy=f"z points upwards from the base: write z_min_mm = {-top * 1e3:g} and z_max_mm = {-bottom * 1e3:g}",
+        )
+
+
 def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
     """A robot from its parsed TOML table."""
     for key in table:
@@ -180,6 +200,7 @@ def from_table(table: Mapping[str, Any], text: str = "") -> Robot:
         raise InputError("[joints] min must be below max", section="joints", key="min")
     if "workspace" in table:
         workspace = Workspace(**section(table, "workspace", WORKSPACE))
+        _require_side(workspace, kind.build(dimensions), joints["min"], joints["max"])
     else:
         workspace = _found_workspace(kind.build(dimensions), joints["min"], joints["max"])
     if not workspace.z_min < workspace.z_max:

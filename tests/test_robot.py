@@ -155,3 +155,13 @@ def test_no_kind_takes_nonsense(name, number, value):
     lines[number] = f"{key} = {NUMBER.sub(value, numbers.partition('#')[0])}"
     with pytest.raises(InputError, match=key.rpartition("_")[0].removesuffix("_m")):
         robot.parse("\n".join(lines))
+
+
+@pytest.mark.parametrize(("low", "high"), [(700, 900), (900, 700)])
+def test_a_workspace_above_a_robot_that_hangs_is_refused_with_the_right_numbers(low, high):
+    text = (MODELS / "delta.toml").read_text()
+    text = re.sub(r"z_min_mm = .*", f"z_min_mm = {low}", text)
+    text = re.sub(r"z_max_mm = .*", f"z_max_mm = {high}", text)
+    with pytest.raises(InputError, match="lies above the base") as error:
+        robot.parse(text)
+    assert "z_min_mm = -900 and z_max_mm = -700" in error.value.remedy

@@ -172,6 +172,12 @@ def _robots(robot: Robot) -> Iterator[Misreading]:
         if robot.dimensions[k] and k == "home_height":
             flip = _dimensions(lambda d, k=k: {k: -d[k]})
             yield Misreading("dimension_sign", f"the robot file's {_said(k)} has the wrong sign", f"change the sign of {k}", flip, flip)
+    radii = [k for k in lengths if k.endswith("radius")]
+    if len(radii) > 1:
+        half, double = (_dimensions(lambda d, f=f: {k: f * d[k] for k in radii}) for f in (0.5, 2.0))
+        said = f"{', '.join(map(_said, radii[:-1]))} and {_said(radii[-1])}"
+        yield Misreading("diameter", f"the robot file's {said} are diameters", f"halve {' and '.join(radii)} in the robot file", half, double)
+        yield Misreading("diameter", f"the robot file's {said} are half of what they should be", f"double {' and '.join(radii)} in the robot file", double, half)
     for a, b in combinations(azimuths, 2):
         swap = _dimensions(lambda d, a=a, b=b: {a: d[b], b: d[a]})
         if len(robot.dimensions[a]) == len(robot.dimensions[b]):

@@ -41,14 +41,42 @@ def joints(columns: Columns, robot: Robot, q: np.ndarray) -> None:
         and np.all((written * unit.factor >= low - slack) & (written * unit.factor <= high + slack))
         and np.min(np.max(np.abs(written), axis=0)) * unit.factor > 0.05 * (high - low)
     ]
-    remedy = f"the values look like {fits[0]}: name the column {quantity}_{fits[0]}" if fits else (
-        "check the value, its unit and sign, and [joints] of the robot file"
-    )
+    reversed_ = _reversed(q, outside, low - slack, high + slack)
+    if reversed_:
+        names = [columns.named[robot.mechanism.actuators[j]][0] for j in reversed_]
+        several = len(names) > 1
+        remedy = (
+            f"with the other sign all values of {', '.join(names)} are in range: where "
+            f"{'these drives count' if several else 'this drive counts'} the other way, change the sign of the "
+            f"column{'s' * several}; else check [joints] of the robot file"
+        )
+    elif fits:
+        remedy = f"the values look like {fits[0]}: name the column {quantity}_{fits[0]}"
+    else:
+        remedy = "check the value, its unit and sign, and [joints] of the robot file"
     raise columns.table.error(
         f"{q[row, joint] / scale:.6g}{shown} is outside the joint range "
         f"{low / scale:.6g}…{high / scale:.6g}{shown} of robot '{robot.name}'",
         row=row, column=name, remedy=remedy,
     )
+
+
+_SOME = 3
+"""Different commands from which on a whole column may have the wrong sign."""
+
+
+def _reversed(q: np.ndarray, outside: np.ndarray, low: float, high: float) -> list[int]:
+    """Drives with values outside the range all of which are inside it with the other sign; none where that leaves
+    values of other drives outside.
+
+    Args:
+        outside: (N, nq) bool.
+    """
+    found = [j for j in range(q.shape[1]) if outside[:, j].any() and len(np.unique(q[:, j])) >= _SOME]
+    inside = (-q >= low) & (-q <= high)
+    right = all(inside[:, j].all() for j in found)
+    others = [j for j in range(q.shape[1]) if j not in found]
+    return found if right and not outside[:, others].any() else []
 
 
 def tools(columns: Columns, robot: Robot, tool: np.ndarray) -> None:

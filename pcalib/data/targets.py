@@ -50,6 +50,23 @@ class Targets:
         return rotation.exp(self.orientation)
 
 
+def _refuse_measurements(table: tables.Table, columns: cols.Columns, commands: Mapping[str, str]) -> None:
+    """Refuse a measurement file, whose positions are those that were reached.
+
+    Raises:
+        InputError: it holds commands beside what only measurements have.
+    """
+    of_measurements = [key for key in table.metadata if key.startswith("sigma_")]
+    of_measurements += [name for name in ("pose_id", "set") if name in table.columns]
+    if of_measurements and all(name in columns for name in commands):
+        raise InputError(
+            f"a measurement file: it holds commands ({', '.join(commands)}) and '{of_measurements[0]}'",
+            file=table.source,
+            remedy="targets have x, y, z and, where they are known, tool and payload: leave the other columns and "
+            "the '#' lines out to command the places that were measured",
+        )
+
+
 def load_targets(path: str | Path, robot: Robot) -> Targets:
     """Read a target file, CSV or Parquet.
 
@@ -66,6 +83,7 @@ def load_targets(path: str | Path, robot: Robot) -> Targets:
     wanted = old | cols.POSITION | cols.ROTATION | cols.CONDITIONS
     plain = (*(f"dir{i + 1}" for i in range(count)), STATUS)
     columns = cols.assign(table, wanted, plain, count)
+    _refuse_measurements(table, columns, old)
     said = cols.metadata(table, {}, ("robot", "frame"))
     if said.get("frame", "base") != "base":
         raise InputError(

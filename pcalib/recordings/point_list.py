@@ -22,7 +22,7 @@ def read(path: Path) -> Recording:
     Raises:
         InputError: no line holds a name and three numbers.
     """
-    names, points, at, factor, said = [], [], [], 1e-3, False
+    names, points, at, factor, said, more = [], [], [], 1e-3, False, 0
     for line, text in lines_of(path):
         found = cells(text)
         numbers = [value for value in map(number, found[1:4]) if value is not None]
@@ -34,10 +34,16 @@ def read(path: Path) -> Recording:
         names.append(found[0].split("::")[-1].strip())
         points.append(numbers)
         at.append(line)
+        more += sum(number(value) is not None for value in found[4:7]) == 3
     if not points:
         raise nothing_read(path, "a name and three numbers")
     n = len(points)
     notes = () if said else ("the file names no unit of length; millimetres are taken",)
+    if more:
+        notes += (
+            f"three more numbers stand behind {more} of {n} points and are not read: where they are rotations, make a "
+            "measurement file with columns rx_deg, ry_deg and rz_deg, or export matrices and read them as 'matrices'",
+        )
     return Recording(
         factor * np.array(points), np.full((n, 3, 3), np.nan), np.array(at), str(path), tuple(names), notes=notes
     )

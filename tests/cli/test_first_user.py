@@ -127,3 +127,50 @@ def test_a_workspace_that_nobody_stated_refuses_no_target(delta, data):
     assert not found.workspace.stated
     high = np.array([[0.0, 0.0, found.workspace.z_max + 0.02]])
     assert compensation.compensate(Model.nominal(found), high).status.tolist() == ["ok"]
+
+
+@pytest.mark.parametrize("joints", [[1], [0, 1, 2]])
+def test_a_drive_that_counts_the_other_way_is_named_where_values_leave_the_range(data, run, delta, joints):
+    sign = np.where(np.isin(np.arange(3), joints), -1.0, 1.0)
+    q = np.clip(data.q, np.radians(-59.0), -0.2) * sign
+    narrow = "[joints]\nmin_deg = -60\nmax_deg = 0\n"
+    before, _, after = delta.text.partition("[joints]")
+    with open("narrow.toml", "w") as file:
+        file.write(before + narrow + after[after.index("\n[") :])
+    measurement.save("turned.csv", replace(data, q=q))
+    code, said = run("inspect turned.csv --robot narrow.toml")
+    names = ", ".join(f"q{i + 1}_deg" for i in joints)
+    assert code == 2 and f"with the other sign all values of {names} are in range" in said.replace("\n", " ")
+
+
+def test_one_value_out_of_range_is_no_wrong_sign(data, run, delta):
+    q = np.clip(data.q, np.radians(-59.0), -0.2)
+    q[3, 1] = np.radians(80.0)
+    before, _, after = delta.text.partition("[joints]")
+    with open("narrow.toml", "w") as file:
+        file.write(before + "[joints]\nmin_deg = -60\nmax_deg = 0\n" + after[after.index("\n[") :])
+    measurement.save("one.csv", replace(data, q=q))
+    code, said = run("inspect one.csv --robot narrow.toml")
+    assert code == 2 and "other sign" not in said
+
+
+def test_diameters_for_all_radii_are_named(data, run, delta):
+    robot = robots.parse(delta.text).dimensions
+    text = delta.text
+    for name in ("base_radius", "plate_radius"):
+        text = text.replace(f"{name}_mm = {robot[name] * 1e3:.1f}", f"{name}_mm = {robot[name] * 2e3:.1f}")
+    assert text != delta.text
+    with open("wide.toml", "w") as file:
+        file.write(text)
+    measurement.save("d.csv", data)
+    said = run("inspect d.csv --robot wide.toml")[1].replace("\n", " ")
+    assert "base radius and plate radius are diameters" in said
+
+
+def test_measurements_are_no_targets(data, run, delta, perturb):
+    from pcalib import modelfile
+
+    modelfile.save("m.toml", Model(delta, perturb(1), "complete"))
+    measurement.save("d.csv", data)
+    code, said = run("compensate d.csv --model m.toml -o c.csv")
+    assert code == 2 and "a measurement file: it holds commands" in said.replace("\n", " ")

@@ -140,3 +140,10 @@ def test_damaged_files_are_read_or_refused(tmp_path, name):
         except InputError:
             continue
         assert len(found) and np.isfinite(found.position).all()
+
+
+def test_numbers_behind_points_are_said_to_be_unread(tmp_path):
+    text = "\n".join(f"P{i}, 10.5, {i}.0, -800.25, 1.5, 0.25, -0.5" for i in range(4))
+    (tmp_path / "p.txt").write_text(text)
+    found = recordings.FORMS.get("point-list").read(tmp_path / "p.txt")
+    assert any("behind 4 of 4 points and are not read" in note for note in found.notes)
