@@ -7,6 +7,7 @@ pcalib workbench --folder session
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +23,8 @@ def command(
     *,
     robot: Path | None = None,
     folder: Annotated[Path, Writes(folder=True)] = Path("workbench"),
+    host: str = "",
+    password_file: Path | None = None,
     port: Annotated[int, Parameter(validator=Number(gte=0, lt=65536))] = 0,
     no_browser: bool = False,
     json: JsonOption = None,
@@ -35,6 +38,9 @@ def command(
         data: Measurement file, CSV or Parquet; it can be dropped on the page as well.
         robot: Robot file; it can be dropped on the page as well.
         folder: Folder of the session; an earlier one goes on where it was.
+        host: Address of this computer at which others may open the page too, in a network that you trust: nothing is
+            encrypted. Needs a password.
+        password_file: File whose first line is that password; it must be readable by you alone.
         port: Port of the page; a free one when absent.
         no_browser: Open no browser.
     """
@@ -45,7 +51,7 @@ def command(
 
     if (data is None) != (robot is None):
         raise InputError("data and robot file go together", remedy="name both, or none and drop them on the page")
-    running, bench = server.serve(folder, port)
+    running, bench = server.serve(folder, port, *_for_others(host, password_file))
     try:
         if data is not None and robot is not None:
             for path, role in ((robot, "robot"), (data, "data")):
@@ -61,3 +67,37 @@ def command(
         bench.worker.close()
         running.server_close()
     return None
+
+
+SHORTEST = 12
+"""Characters of a password below which it could be guessed by trying."""
+
+
+def _for_others(host: str, password_file: Path | None) -> tuple[str, str]:
+    """Address and password.
+
+    Raises:
+        InputError: one without the other, a file that others can read, or a short password.
+    """
+    from pcalib import files
+    from pcalib.errors import InputError
+    from pcalib.workbench.server import LOOPBACK
+
+    if not host and password_file is None:
+        return LOOPBACK, ""
+    if not host or password_file is None:
+        raise InputError(
+            "--host and --password-file go together",
+            remedy="write a password into a file that you alone can read (chmod 600), and name it with --password-file",
+        )
+    if host in ("0.0.0.0", "::"):
+        remedy = "name the address of this computer"
+        raise InputError(f"--host {host} is no address that a browser can open", remedy=remedy)
+    said = files.read_text(password_file)
+    if os.name == "posix" and password_file.stat().st_mode & 0o077:
+        raise InputError("others can read the password", file=password_file, remedy=f"chmod 600 {password_file}")
+    password = (said.splitlines() or [""])[0].strip()
+    if len(password) < SHORTEST:
+        problem = f"the password has fewer than {SHORTEST} characters"
+        raise InputError(problem, file=password_file, remedy="take a longer one")
+    return host, password

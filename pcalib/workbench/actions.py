@@ -13,7 +13,8 @@ from pcalib.errors import InputError, unknown
 from pcalib.workbench.session import Session, Step, Wanted
 
 ACTIONS = (
-    "inspect", "fit", "compare", "diagnose", "look", "try", "add", "plan", "compensate", "propose", "view", "export",
+    "inspect", "join", "fit", "compare", "diagnose", "look", "try", "add", "plan", "compensate", "propose", "view",
+    "export",
 )  # fmt: skip
 CHAINS = {"begin": ("inspect", "fit", "compare", "diagnose", "view"), "add": ("add", "compare", "diagnose", "view")}
 """Actions that follow one by themselves: new data are fitted, and every new model is looked at."""
@@ -44,10 +45,25 @@ class Task:
 def tasks(action: str, session: Session, asked: Mapping[str, str]) -> list[Task]:
     """The command of an action and those that follow it by themselves.
 
+    Rows that are joined are fitted together with those that were there, by all steps of the history.
+
     Raises:
         InputError: as for `task`.
     """
+    if action == "more":
+        again = [made for step in session.steps if (made := _made_by(step, session)) is not None]
+        wanted = [Wanted("join", asked), Wanted("inspect", {}), *again]
+        return queue([*wanted, *(Wanted(one, {}) for one in ("compare", "diagnose", "view"))], session)
     return queue([Wanted(one, asked) for one in CHAINS.get(action, (action,))], session)
+
+
+def _made_by(step: Step, session: Session) -> Wanted | None:
+    """The action that made a step."""
+    for words in reversed(session.commands):
+        if step.model in words and words[0] in ("fit", "add") and words[words.index("-o") + 1] == step.model:
+            fit = words[0] == "fit"
+            return Wanted(words[0], {"level": words[words.index("--level") + 1]} if fit else {"effect": words[1]})
+    return None
 
 
 def queue(wanted: Sequence[Wanted], session: Session) -> list[Task]:
@@ -67,7 +83,7 @@ def task(action: str, session: Session, asked: Mapping[str, str], model_file: st
     """The command of an action.
 
     Args:
-        asked: what the page sent with it: `effect`, `between`, `targets`, `tool`, `to`, `level`.
+        asked: what the page sent with it: `effect`, `between`, `targets`, `rows`, `tool`, `to`, `level`.
         model_file: the model that it makes, where it was begun before; empty: a new name.
 
     Raises:
@@ -89,6 +105,10 @@ def task(action: str, session: Session, asked: Mapping[str, str], model_file: st
             )
     if action == "inspect":
         return Task(action, "Looking at the data", ("inspect", data, "--robot", robot, "--json", "inspect.json"), asked)
+    if action == "join":
+        joined = f"joined{sum(words[0] == 'join' for words in session.commands) + 1}.csv"
+        words = ("join", data, asked.get("rows", ""), "-o", joined, "--json", "join.json")
+        return Task(action, f"Joining {asked.get('rows', '')} to {data}", words, asked)
     if action == "fit":
         level = asked.get("level") or "complete"
         words = ("fit", data, "--robot", robot, "--level", level, *_written(fresh))
@@ -141,7 +161,7 @@ def done(session: Session, task: Task) -> Session:
     """The session after a command has ended well."""
     after = replace(session, commands=(*session.commands, task.words))
     if not task.model:
-        return after
+        return with_step(after, task, {})
     written = read(session.source / f"{Path(task.model).stem}.json")
     fit = written.get("after") or written
     check = fit.get("check") or {}
@@ -153,10 +173,12 @@ def done(session: Session, task: Task) -> Session:
 
 
 def with_step(session: Session, task: Task, figures: dict[str, Any], level: str = "") -> Session:
-    """The session with the step that a command makes; as it is where the command makes none.
+    """The session with the step that a command makes, or with the data that it joined; else as it is.
 
     A fit begins the history. What is added to an earlier step than the last says to which.
     """
+    if task.action == "join":
+        return replace(session, data=task.words[task.words.index("-o") + 1])
     if not task.model:
         return session
     if task.action != "add":

@@ -6,6 +6,7 @@ where it changes something, its Origin is this page: another page in the same br
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import json
 import secrets
@@ -27,6 +28,7 @@ from pcalib.workbench.actions import Task
 from pcalib.workbench.session import Session, Wanted
 from pcalib.workbench.worker import Worker
 
+LOOPBACK = "127.0.0.1"
 RECORDING = "application/vnd.rerun.rrd"
 PAGE = {"": "index.html", "app.js": "app.js", "style.css": "style.css"}
 TYPES = {
@@ -44,11 +46,12 @@ OWN = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' d
 class Workbench:
     """One session and its worker; requests come from several threads."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, host: str = LOOPBACK, password: str = "") -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = threading.Lock()
         self._session = session.load(folder)
         self.folder = folder
+        self.host, self.password = host, password
         self.token = secrets.token_urlsafe(24)
         self.worker = Worker(folder, self._ended, self._record_pending)
         with contextlib.suppress(InputError):  # what can no longer be done is left
@@ -56,7 +59,10 @@ class Workbench:
 
     @cached_property
     def viewer(self) -> str:
-        """Origin of the Rerun viewer's own pages, which show recordings and come from its package; '' without it."""
+        """Origin of the Rerun viewer's own pages, which show recordings and come from its package; '' without it, and
+        for other computers, to which it does not speak."""
+        if self.host != LOOPBACK:
+            return ""
         try:
             import rerun as rr
         except ImportError:
@@ -142,10 +148,12 @@ class Workbench:
             self._keep(replace(self._session, steps=self._session.steps[: at + 1]))
 
     def take(self, name: str, content: bytes, role: str = "") -> str:
-        """Keep a file that was handed over; what it was taken for: 'robot', 'data' or 'targets'."""
+        """Keep a file that was handed over; what it was taken for: 'robot', 'data', 'targets' or 'rows'."""
         if not session.is_name(name):
             raise InputError(f"'{name[:40]}' is no name for a file here", remedy="use letters, digits, - and _")
         what = role or session.kind_of(name, content)
+        if what in ("targets", "rows") and name in (self._session.data, self._session.robot):
+            raise InputError(f"{name} is a file of this session", remedy="give the other one another name")
         known = self._session.data if what == "data" else self._session.robot if what == "robot" else ""
         if name == known and (self.folder / name).exists() and (self.folder / name).read_bytes() == content:
             return what  # what was done with it stands
@@ -221,7 +229,8 @@ class Handler(BaseHTTPRequestHandler):
     def _act(self, path: str, query: Mapping[str, str], body: bytes) -> dict[str, Any]:
         bench = self.bench
         if path == "upload":
-            return {"taken": bench.take(query.get("name", ""), body, "targets" if query.get("as") == "targets" else "")}
+            role = query.get("as", "")
+            return {"taken": bench.take(query.get("name", ""), body, role if role in ("targets", "rows") else "")}
         if path == "example":
             bench.example()
             bench.run("begin", {})
@@ -240,7 +249,7 @@ class Handler(BaseHTTPRequestHandler):
     def _asked(self, changes: bool = False) -> tuple[str, dict[str, str]] | None:
         """Path behind the token, and query; None where the request is refused, which has then been said."""
         port = self.connection.getsockname()[1]
-        own = {f"127.0.0.1:{port}", f"localhost:{port}"}
+        own = {f"{self.bench.host}:{port}"} | ({f"localhost:{port}"} if self.bench.host == LOOPBACK else set())
         if self.headers.get("Host") not in own:
             return self._refuse("this server answers to its own name only")
         origin = self.headers.get("Origin")
@@ -252,7 +261,25 @@ class Handler(BaseHTTPRequestHandler):
         token, _, path = address.path.lstrip("/").partition("/")
         if not secrets.compare_digest(token.encode(), self.bench.token.encode()):
             return self._refuse("the address is not complete: copy it from the terminal")
+        if self.bench.password and not self._knows_the_password():
+            return None
         return path, dict(urllib.parse.parse_qsl(address.query))
+
+    def _knows_the_password(self) -> bool:
+        """Whether the request carries the password; it has been asked for where not (HTTP basic, RFC 7617)."""
+        _, _, coded = self.headers.get("Authorization", "").partition("Basic ")
+        try:
+            _, _, said = base64.b64decode(coded, validate=True).partition(b":")
+        except ValueError:
+            said = b""
+        if secrets.compare_digest(said, self.bench.password.encode()):
+            return True
+        self.close_connection = True
+        self.send_response(401)
+        self.send_header("WWW-Authenticate", 'Basic realm="pcalib workbench", charset="UTF-8"')
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+        return False
 
     def _refuse(self, problem: str) -> None:
         self.close_connection = True
@@ -291,26 +318,30 @@ def _free_port() -> int:
         return int(free.getsockname()[1])
 
 
-def serve(folder: Path, port: int = 0) -> tuple[ThreadingHTTPServer, Workbench]:
-    """A server on the loopback interface that is ready to run, and its workbench.
+def serve(
+    folder: Path, port: int = 0, host: str = LOOPBACK, password: str = ""
+) -> tuple[ThreadingHTTPServer, Workbench]:
+    """A server that is ready to run, on the loopback interface or on that of an address, and its workbench.
 
     Args:
         port: 0 takes a free one.
+        password: what other computers have to know besides the page's address.
 
     Raises:
-        InputError: the port is taken, or the folder's record is damaged.
+        InputError: the port is taken, the address is not this computer's, or the folder's record is damaged.
     """
-    bench = Workbench(folder)
+    bench = Workbench(folder, host, password)
     handler = type("BoundHandler", (Handler,), {"bench": bench})
     try:
-        server = ThreadingHTTPServer(("127.0.0.1", port), handler)
+        server = ThreadingHTTPServer((host, port), handler)
     except OSError as error:
         bench.worker.close()
-        raise InputError(f"port {port} cannot be used: {error.strerror}", remedy="leave --port out") from None
+        remedy = "leave --port out" if host == LOOPBACK else "name an address of this computer, or leave --port out"
+        raise InputError(f"{host}, port {port} cannot be used: {error.strerror}", remedy=remedy) from None
     server.daemon_threads = True
     return server, bench
 
 
 def address(server: ThreadingHTTPServer, bench: Workbench) -> str:
     """The address of the page."""
-    return f"http://127.0.0.1:{server.server_port}/{bench.token}/"
+    return f"http://{bench.host}:{server.server_port}/{bench.token}/"

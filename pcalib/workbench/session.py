@@ -75,8 +75,9 @@ class Session:
         return self.steps[self.at] if self.steps else None
 
     def fresh(self) -> str:
-        """Name of the next model, without ending: a number that no file of the folder has."""
-        numbers = [int(found[1]) for f in self.source.glob("model*") if (found := re.match(r"model(\d+)\.", f.name))]
+        """Name of the next model, without ending: a number that no file of the folder and no step has."""
+        names = [*(f.name for f in self.source.glob("model*")), *(step.model for step in self.steps)]
+        numbers = [int(found[1]) for name in names if (found := re.match(r"model(\d+)\.", name))]
         return f"model{max(numbers, default=0) + 1}"
 
     def as_json(self) -> dict[str, Any]:

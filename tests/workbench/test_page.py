@@ -92,6 +92,19 @@ def test_ten_thousand_rows_are_taken_and_not_sent_back(canned, look):
     assert (canned[1].folder / "many.csv").read_bytes() == data and max(sizes) < 20_000
 
 
+def test_rows_that_were_measured_later_are_joined_by_dropping_them(canned, look):
+    page = look(canned)
+    robot = {"name": "robot.toml", "mimeType": "text/plain", "buffer": b"[geometry]"}
+    page.set_input_files("#choose", [{"name": "d.csv", "mimeType": "text/csv", "buffer": b"q1_deg\n"}, robot])
+    page.wait_for_selector("#advice button:has-text('Add thermal_rods')")
+    page.set_input_files("#choose", [{"name": "new.csv", "mimeType": "text/csv", "buffer": b"q1_deg\n1\n"}])
+    page.click("#question button:has-text('Join them')")
+    page.wait_for_selector("#files:has-text('joined1.csv')")
+    page.wait_for_selector("#cancel", state="hidden")
+    assert (canned[1].folder / "new.csv").read_bytes() == b"q1_deg\n1\n" and not page.is_visible("#question")
+    assert "pcalib join d.csv new.csv -o joined1.csv" in session.load(canned[1].folder).shell()
+
+
 CUT_OFF = """[...document.querySelectorAll('button, td, th, small, h2, p, li')].filter(e =>
     e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline').map(e => e.textContent)"""
 CONTRASTS = """() => {

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import base64
 import http.client
 import json
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 
 import pytest
 
+from pcalib.cli import main
 from pcalib.errors import InputError
-from pcalib.workbench import actions, session
+from pcalib.workbench import actions, server, session
 from pcalib.workbench.actions import Task
 from pcalib.workbench.server import Workbench
 from pcalib.workbench.worker import Worker
@@ -226,3 +229,68 @@ def test_the_whole_loop_and_its_script(running, tmp_path):
     subprocess.run([sys.executable, "-c", "\n".join(kept)], cwd=fresh, check=True, capture_output=True)
     for name in ("model1.toml", "model2.toml"):
         assert (fresh / name).read_bytes() == (bench.folder / name).read_bytes()
+
+
+class TestMoreRows:
+    def test_rows_are_joined_and_every_step_is_made_again(self, tmp_path):
+        now = session.Session("d.csv", "r.toml", source=tmp_path)
+        for action, asked in (("fit", {"level": "model24"}), ("add", {"effect": "backlash"})):
+            now = actions.done(now, actions.task(action, now, asked))
+        again = actions.tasks("more", now, {"rows": "new.csv"})
+        assert [t.words[0] for t in again] == ["join", "inspect", "fit", "add", "compare", "diagnose", "view"]
+        join, _, fit, add, *_ = (t.words for t in again)
+        assert join[:5] == ("join", "d.csv", "new.csv", "-o", "joined1.csv")
+        assert fit[:6] == ("fit", "joined1.csv", "--robot", "r.toml", "--level", "model24")
+        assert add[:3] == ("add", "backlash", "joined1.csv")
+        for task in again:
+            now = actions.done(now, task)
+        assert now.data == "joined1.csv" and [s.title for s in now.steps] == ["fit", "+ backlash"]
+
+    def test_what_is_joined_cannot_become_an_option_or_take_the_datas_name(self, running, tmp_path):
+        now = session.Session("d.csv", "r.toml", source=tmp_path)
+        with pytest.raises(InputError, match="is no rows"):
+            actions.task("join", now, {"rows": "--output=r.toml"})
+        port, bench = running
+        assert ask(port, f"/{bench.token}/upload?name=d.csv", "POST", b"q1_deg\n")[0] == 200
+        status, said, _ = ask(port, f"/{bench.token}/upload?name=d.csv&as=rows", "POST", b"other\n")
+        assert status == 400 and b"file of this session" in said
+        assert (bench.folder / "d.csv").read_bytes() == b"q1_deg\n"
+
+
+class TestForOthers:
+    def test_the_password_is_asked_for(self, tmp_path):
+        served, bench = server.serve(tmp_path / "s", host="127.0.0.2", password="a long password")
+        threading.Thread(target=lambda: served.serve_forever(0.02), daemon=True).start()
+        try:
+            base, host = f"/{bench.token}/state", f"127.0.0.2:{served.server_port}"
+            known = {"Host": host, "Authorization": f"Basic {base64.b64encode(b'me:a long password').decode()}"}
+            wrong = known | {"Authorization": f"Basic {base64.b64encode(b'me:another').decode()}"}
+            answers = []
+            for headers in ({"Host": host}, wrong, known | {"Authorization": "Basic ?"}, known, known | {"Host": "x"}):
+                connection = http.client.HTTPConnection("127.0.0.2", served.server_port, timeout=30)
+                connection.request("GET", base, headers=headers)
+                answers.append(connection.getresponse().status)
+            assert answers == [401, 401, 401, 200, 403]
+            assert bench.viewer == "" and server.address(served, bench).startswith(f"http://{host}/")
+        finally:
+            served.shutdown()
+            served.server_close()
+            bench.worker.close()
+
+    @pytest.mark.parametrize(
+        ("words", "mode", "password", "says"),
+        [
+            (["--host", "10.0.0.1"], 0, "", "go together"),
+            (["--password-file", "p"], 0o600, "long enough it is", "go together"),
+            (["--host", "10.0.0.1", "--password-file", "p"], 0o644, "long enough it is", "others can read"),
+            (["--host", "10.0.0.1", "--password-file", "p"], 0o600, "short", "fewer than 12"),
+            (["--host", "0.0.0.0", "--password-file", "p"], 0o600, "long enough it is", "no address"),
+            (["--host", "192.0.2.1", "--password-file", "p"], 0o600, "long enough it is", "address of this computer"),
+        ],
+    )
+    def test_a_page_for_others_needs_a_good_password(self, tmp_path, monkeypatch, capsys, words, mode, password, says):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "p").write_text(password)
+        (tmp_path / "p").chmod(mode or 0o600)
+        assert main(["workbench", "--no-browser", *words]) == 2
+        assert says in " ".join(capsys.readouterr().err.split())

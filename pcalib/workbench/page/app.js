@@ -225,7 +225,7 @@ function drawPicture() {
   const step = state.steps[state.at];
   const stem = step ? step.model.replace(/\.toml$/, "") : "";
   const pictures = [["fit", "Fit", `${stem}.html`], ["robot", "Robot in 3D", `${stem}.rrd`], ["compare", "Compare", `${stem}.compare.html`], ["diagnose", "Diagnosis", `${stem}.diagnose.html`], ["look", "Look", `${stem}.look.html`], ["try", "Tried", `${stem}.try.html`]]
-    .filter(([, , name]) => state.files.includes(name));
+    .filter(([id, , name]) => state.files.includes(name) && (id !== "robot" || state.viewer));
   if (!pictures.some(([id]) => id === tab)) tab = pictures.length ? pictures[0][0] : "";
   const tabs = pictures.map(([id, text]) => make("button", text, { role: "tab", "aria-selected": String(id === tab), on: () => { tab = id; drawPicture(); } }));
   $("tabs").replaceChildren(...tabs);
@@ -251,16 +251,34 @@ function drawPicture() {
   }
 }
 
+const named = (file) => file.name.replace(/[^A-Za-z0-9 ._-]/g, "_");
+const upload = (file, as) => ask(`upload?${new URLSearchParams({ name: named(file), ...(as ? { as } : {}) })}`, { method: "POST", body: file });
+
+// A data file for a session that has one already: more rows of the same robot, or a new beginning.
+function question(file) {
+  const close = () => { $("question").hidden = true; };
+  $("question").replaceChildren(
+    make("p", `${file.name}: are these further measurements, to be joined to ${state.data}?`),
+    make("button", "Join them and fit all again", { class: "main", on: async () => { close(); if (await upload(file, "rows")) await run("more", { rows: named(file) }); } }),
+    make("button", "Begin anew with them", { on: async () => { close(); if (await upload(file)) { await refresh(); await run("begin", {}); } } }),
+    make("button", "Neither", { on: close }),
+  );
+  $("question").hidden = false;
+  $("question").querySelector("button").focus();
+}
+
 async function hand(list, as) {
   say("");
   for (const file of list) {
-    const query = new URLSearchParams({ name: file.name.replace(/[^A-Za-z0-9 ._-]/g, "_"), ...(as ? { as } : {}) });
-    const taken = await ask(`upload?${query}`, { method: "POST", body: file });
-    if (!taken) return null;
+    if (!as && state && state.steps.length && /\.(csv|parquet)$/i.test(file.name) && file.name !== state.data) {
+      question(file);
+      return null;
+    }
+    if (!(await upload(file, as))) return null;
   }
   await refresh();
   if (!as && state.data && state.robot && !state.steps.length) await run("begin", {});
-  return list.length ? list[0].name.replace(/[^A-Za-z0-9 ._-]/g, "_") : null;
+  return list.length ? named(list[0]) : null;
 }
 
 $("drop").addEventListener("click", () => $("choose").click());
