@@ -23,6 +23,7 @@ def command(
     *,
     model: ModelOption,
     report: BesideOption = None,
+    cell: str = "",
     rrd: BesideOption = None,
     residuals: BesideOption = None,
     effect_file: EffectFiles = (),
@@ -36,22 +37,27 @@ def command(
     Args:
         data: Measurement file, CSV or Parquet.
         report: Also write a report, one self-contained HTML file.
+        cell: CHANNEL:VARIABLE of the map, e.g. actuator:temp_arms: the report begins with its points.
         residuals: Also write a table, CSV or Parquet: one row a pose, each component of its residual in µm and µrad,
             and in units of the noise.
         rrd: Also write a recording for the viewer ('pcalib view FILE').
     """
     from pcalib.cli._inputs import read
     from pcalib.diagnosis import advice, results, telling
-    from pcalib.diagnosis.compare import compare
+    from pcalib.diagnosis.compare import compare, points_of
+    from pcalib.errors import InputError
     from pcalib.wording import number, size
 
+    if cell and report is None:
+        raise InputError("--cell draws into a report", remedy="name its file with --report")
     calibrated, measured, own = read(model, data, effect_file)
     found = compare(calibrated, measured, own)
+    drawn = points_of(found, cell) if cell else None
     write_json(json, results.comparison_json(found))
     if report is not None:  # before anything is printed: a closed pipe loses no file
         from pcalib.diagnosis import page
 
-        page.write_comparison(report, calibrated, measured, found)
+        page.write_comparison(report, calibrated, measured, found, drawn)
     if residuals is not None:
         from pcalib.data import table
         from pcalib.diagnosis.compare import residual_columns

@@ -13,8 +13,10 @@ from pcalib.data.noise import Noise
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem
+from pcalib.diagnosis.scatters import Scatter, scatter
 from pcalib.diagnosis.screen import Misfit, misfit
 from pcalib.effects.base import Effect
+from pcalib.errors import InputError, unknown
 from pcalib.fitting import linearisation
 from pcalib.fitting.identification import Accuracy, accuracy
 from pcalib.fitting.noise_level import NoiseLevel
@@ -125,6 +127,23 @@ def compare(
         problem=made,
         set_up_anew=anew,
     )
+
+
+def points_of(found: Comparison, cell: str) -> Scatter:
+    """The points of a cell of the map, by its name 'channel:variable'.
+
+    Raises:
+        InputError: the map has no such cell, or no reading tells that channel by itself.
+    """
+    names = [f"{c.channel}:{c.variable}" for c in found.cells]
+    if cell not in names:
+        raise InputError(unknown("cell of the map", cell, names), remedy="name one as 'channel:variable'")
+    made = found.problem
+    kept = np.delete(made.rows, made.set_aside)
+    drawn = scatter(made, found.error[kept], *cell.split(":", 1))
+    if drawn is None:
+        raise InputError(f"{cell} cannot be drawn: no reading tells it from others by itself")
+    return drawn
 
 
 def noise_of(made: Problem, data: Measurements) -> np.ndarray:

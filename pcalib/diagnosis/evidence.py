@@ -14,9 +14,9 @@ from pcalib.diagnosis.candidates import Candidate, shown_by
 from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible
 from pcalib.diagnosis.held_out import Change, HeldOut
 from pcalib.diagnosis.hypothesis import resolve, start_of
-from pcalib.diagnosis.patterns import FINE, load_name, recorded
+from pcalib.diagnosis.scatters import apparent, axis_of, values_of
 from pcalib.diagnosis.screen import Screen
-from pcalib.effects.base import Effect, Situation
+from pcalib.effects.base import Effect
 from pcalib.errors import EffectError, FitError, InputError
 from pcalib.fitting import identification
 from pcalib.fitting.identification import Fit
@@ -63,10 +63,7 @@ class ByVariable:
     @property
     def axis(self) -> tuple[float, str]:
         """Factor from SI, and the variable with its unit as people write it."""
-        q = (1e3, "mm") if self.sliding else (180 / np.pi, "°")
-        units = {"q": q, "torque": (1, "N·m"), "drive force": (1, "N"), "tension": (1, "N"), "time": (1 / 3600, "h")}
-        factor, unit = units.get(self.variable, (1.0, ""))
-        return factor, f"{self.variable} [{unit}]" if unit else self.variable
+        return axis_of(self.variable, self.sliding)
 
 
 @dataclass(frozen=True)
@@ -199,27 +196,24 @@ def _by_variable(
     channel = effect.channels[0]
     variable = _telling(found, screen, g, finding, channel)
     at = made.point.situation
-    x = _variable(at, variable, channel)
+    x = values_of(at, variable, channel)
     if x is None:
         return None
     theta = next(f.theta for f in after.candidate.effects if f.effect.name == effect.name)
     component = effect.contribution(at, theta)[channel]
     kept = np.delete(made.rows, made.set_aside)
     error = after.error[kept]
-    G = getattr(made.point.response(), channel)
-    seen = made.data.mask & np.isfinite(error)
-    if (seen.sum(axis=1) < G.shape[-1]).all():
+    off = apparent(made, error, channel)
+    if off is None:
         return None
-    weight = np.where(seen, 1.0 / made.data.sigma, 0.0)
-    apparent = (np.linalg.pinv(G * weight[..., None]) @ (np.nan_to_num(error) * weight)[..., None])[..., 0]
-    full = seen.sum(axis=1) >= G.shape[-1]
+    y, full = off
     names = made.model.robot.mechanism.actuators if channel == "actuator" else made.model.robot.mechanism.rods
     n = len(names)
     return ByVariable(
         variable=variable,
         channel=channel,
         x=x[full].ravel(),
-        y=(component + apparent)[full].ravel(),
+        y=(component[full] + y).ravel(),
         series=np.tile(np.arange(n), int(full.sum())),
         names=tuple(names),
         curve=component[full].ravel(),
@@ -240,17 +234,3 @@ def _telling(found: Diagnosis, screen: Screen, g: int, finding: Finding, channel
         if alike > score:
             best, score = pattern.variable, alike
     return best
-
-
-def _variable(at: Situation, variable: str, channel: str) -> np.ndarray | None:
-    """(N, places) values of a variable at every arm or rod; None for mixed ones."""
-    n = at.q.shape[1] if channel == "actuator" else at.tension.shape[1]
-    sliding = at.robot.mechanism.actuator_dimension == "length"
-    if channel == "actuator":
-        own = {"q": at.q, FINE: at.q, load_name(sliding): at.torque, "direction": at.directions()}
-    else:
-        own = {"tension": at.tension, "sign of the rod force": at.tension}
-    if variable in own:
-        return own[variable]
-    values = recorded(at).get(variable)
-    return None if values is None else np.repeat(np.asarray(values, float)[:, None], n, axis=1)

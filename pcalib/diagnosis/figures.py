@@ -12,6 +12,7 @@ from pcalib.diagnosis import telling
 from pcalib.diagnosis.diagnose import Diagnosis, Why
 from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import CHANNELS, HOT, Cell, spoken
+from pcalib.diagnosis.scatters import Scatter
 from pcalib.diagnosis.separation import TOLD, Separation
 from pcalib.palette import SERIES
 from pcalib.report.figures import INK, PAPER, QUIET, RULE, drawing
@@ -155,6 +156,30 @@ def _by_variable(axes: Any, e: Evidence) -> None:
     axes.set_title("Where it tells most", loc="left")
     axes.legend(fontsize=8, ncols=3)
     axes.grid()
+
+
+def scatter(plot: Scatter) -> str:
+    """The points of a cell, with means over a twelfth of them each and twice their standard error."""
+    unit = "µrad" if plot.angle else "µm"
+    with drawing(7.2, 3.4) as (figure, out):
+        axes = figure.subplots()
+        for i, name in enumerate(plot.names):
+            mine = plot.series == i
+            axes.plot(plot.x[mine], 1e6 * plot.y[mine], ".", ms=4, color=SERIES[i % len(SERIES)], alpha=0.5, label=name)
+            _means(axes, plot.x[mine], 1e6 * plot.y[mine], SERIES[i % len(SERIES)])
+        axes.set_xlabel(plot.axis)
+        axes.set_ylabel(f"apparent error of {spoken(plot.channel, not plot.angle)} [{unit}]")
+        axes.legend(fontsize=8, ncols=3)
+        axes.grid()
+    return out[0]
+
+
+def _means(axes: Any, x: np.ndarray, y: np.ndarray, colour: str) -> None:
+    """Means of points in groups of as many each, ordered by x, with twice their standard error."""
+    order = np.argsort(x, kind="stable")
+    for part in np.array_split(order, min(12, max(len(x) // 4, 1))):
+        error = 2 * y[part].std() / np.sqrt(len(part))
+        axes.errorbar(x[part].mean(), y[part].mean(), error, fmt="o", ms=5, color=colour, mec=PAPER, lw=1.4)
 
 
 def save(path: Path, svg: str) -> None:

@@ -13,6 +13,8 @@ from pcalib.diagnosis import advice, figures, telling
 from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis
 from pcalib.diagnosis.evidence import Evidence
+from pcalib.diagnosis.patterns import spoken
+from pcalib.diagnosis.scatters import Scatter
 from pcalib.model import Model
 from pcalib.report import Bullets, Facts, Figure, Page, Section, Table
 from pcalib.report.page import versions
@@ -21,12 +23,14 @@ from pcalib.wording import angle, capital, number, size
 _TONES = {"nothing_missing": "good", "established": "neutral", "ambiguous": "neutral", "unexplained": "bad"}
 
 
-def write_comparison(path: str | Path, model: Model, data: Measurements, found: Comparison) -> None:
-    """A page on where a model and measurements differ."""
+def write_comparison(
+    path: str | Path, model: Model, data: Measurements, found: Comparison, drawn: Scatter | None = None
+) -> None:
+    """A page on where a model and measurements differ, which begins with the points of a cell where they are given."""
     page = Page(
         f"Model and measurements of {model.robot.name}",
         telling.comparison_sentence(found),
-        comparison_sections(found),
+        [*([] if drawn is None else [_points(drawn)]), *comparison_sections(found)],
         "bad" if telling.hot_cells(found.cells) else "good",
         {"data": data.source, "level": model.level, "effects": _effects(model), **versions()},
     )
@@ -62,6 +66,13 @@ def comparison_sections(found: Comparison) -> list[Section]:
         Section("Where it shows", [_map(found.cells)]),
         Section("Worst poses", [worst]),
     ]
+
+
+def _points(drawn: Scatter) -> Section:
+    by = drawn.variable.replace("temp_", "temperature of ")
+    what = capital(f"{spoken(drawn.channel, not drawn.angle)} by {by}")
+    said = "What it would have to be off by to explain each reading; circles: means with twice their standard error."
+    return Section(what, [Figure(figures.scatter(drawn), said, f"Points of {what} with means")])
 
 
 def write_evidence(path: str | Path, model: Model, data: Measurements, found: Evidence) -> None:

@@ -14,7 +14,7 @@ from pcalib.workbench.session import Session, Step, Wanted
 
 ACTIONS = (
     "inspect", "join", "fit", "compare", "diagnose", "look", "try", "add", "plan", "compensate", "propose", "view",
-    "export",
+    "export", "cell",
 )  # fmt: skip
 CHAINS = {"begin": ("inspect", "fit", "compare", "diagnose", "view"), "add": ("add", "compare", "diagnose", "view")}
 """Actions that follow one by themselves: new data are fitted, and every new model is looked at."""
@@ -83,7 +83,7 @@ def task(action: str, session: Session, asked: Mapping[str, str], model_file: st
     """The command of an action.
 
     Args:
-        asked: what the page sent with it: `effect`, `between`, `targets`, `rows`, `tool`, `to`, `level`.
+        asked: what the page sent with it: `effect`, `between`, `targets`, `rows`, `cell`, `tool`, `to`, `level`.
         model_file: the model that it makes, where it was begun before; empty: a new name.
 
     Raises:
@@ -119,6 +119,10 @@ def task(action: str, session: Session, asked: Mapping[str, str], model_file: st
     if action == "compare":
         out = ("--json", f"{name}.compare.json", "--report", f"{name}.compare.html")
         return Task(action, "Comparing model and measurements", ("compare", data, *model, *out), asked)
+    if action == "cell":
+        cell = asked.get("cell", "")
+        words = ("compare", data, *model, "--cell", cell, "--report", f"{name}.cell.html")
+        return Task(action, f"Drawing {cell.replace(':', ' by ')}", words, asked)
     if action == "diagnose":
         out = ("--json", f"{name}.diagnose.json", "--report", f"{name}.diagnose.html")
         return Task(action, "Looking for what is missing", ("diagnose", data, *model, *out), asked)

@@ -11,6 +11,7 @@ import contextlib
 import json
 import secrets
 import socket
+import tempfile
 import threading
 import urllib.parse
 from collections.abc import Mapping
@@ -154,6 +155,8 @@ class Workbench:
         what = role or session.kind_of(name, content)
         if what in ("targets", "rows") and name in (self._session.data, self._session.robot):
             raise InputError(f"{name} is a file of this session", remedy="give the other one another name")
+        if what == "rows":
+            _require_measurements(name, content)
         known = self._session.data if what == "data" else self._session.robot if what == "robot" else ""
         if name == known and (self.folder / name).exists() and (self.folder / name).read_bytes() == content:
             return what  # what was done with it stands
@@ -310,6 +313,20 @@ class Handler(BaseHTTPRequestHandler):
             self.wfile.write(content)
         except (BrokenPipeError, ConnectionResetError):
             self.close_connection = True
+
+
+def _require_measurements(name: str, content: bytes) -> None:
+    """Refuse rows to join that are no measurements, before they are kept.
+
+    Raises:
+        InputError: what is wrong with them.
+    """
+    from pcalib.data import measurement
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        path.write_bytes(content)
+        measurement.load(path)
 
 
 def _free_port() -> int:

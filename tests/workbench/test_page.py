@@ -92,16 +92,19 @@ def test_ten_thousand_rows_are_taken_and_not_sent_back(canned, look):
     assert (canned[1].folder / "many.csv").read_bytes() == data and max(sizes) < 20_000
 
 
+ROWS = b"q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm\n0,0,0,0,0,-800\n"
+
+
 def test_rows_that_were_measured_later_are_joined_by_dropping_them(canned, look):
     page = look(canned)
     robot = {"name": "robot.toml", "mimeType": "text/plain", "buffer": b"[geometry]"}
     page.set_input_files("#choose", [{"name": "d.csv", "mimeType": "text/csv", "buffer": b"q1_deg\n"}, robot])
     page.wait_for_selector("#advice button:has-text('Add thermal_rods')")
-    page.set_input_files("#choose", [{"name": "new.csv", "mimeType": "text/csv", "buffer": b"q1_deg\n1\n"}])
+    page.set_input_files("#choose", [{"name": "new.csv", "mimeType": "text/csv", "buffer": ROWS}])
     page.click("#question button:has-text('Join them')")
     page.wait_for_selector("#files:has-text('joined1.csv')")
     page.wait_for_selector("#cancel", state="hidden")
-    assert (canned[1].folder / "new.csv").read_bytes() == b"q1_deg\n1\n" and not page.is_visible("#question")
+    assert (canned[1].folder / "new.csv").read_bytes() == ROWS and not page.is_visible("#question")
     assert "pcalib join d.csv new.csv -o joined1.csv" in session.load(canned[1].folder).shell()
 
 

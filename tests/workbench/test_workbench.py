@@ -255,6 +255,8 @@ class TestMoreRows:
         status, said, _ = ask(port, f"/{bench.token}/upload?name=d.csv&as=rows", "POST", b"other\n")
         assert status == 400 and b"file of this session" in said
         assert (bench.folder / "d.csv").read_bytes() == b"q1_deg\n"
+        status, said, _ = ask(port, f"/{bench.token}/upload?name=new.csv&as=rows", "POST", b"nonsense\n")
+        assert status == 400 and json.loads(said)["problem"] and not (bench.folder / "new.csv").exists()
 
 
 class TestForOthers:

@@ -190,13 +190,14 @@ function drawMap() {
       if (cell) {
         const heat = cell.p < 0.05 ? Math.min(1, -Math.log10(cell.p + 1e-9) / 3.6) : 0;
         item.style.background = `rgba(224, 110, 30, ${0.75 * heat})`;
+        item.replaceChildren(make("button", number(cell.s), { class: "cell", "aria-label": `Draw ${called[channel] || channel} by ${variable}`, on: () => { tab = "cell"; run("cell", { cell: `${channel}:${variable}` }); } }));
         item.title = `p ${cell.p < 0.001 ? "< 0.001" : number(cell.p, 3)}; beside the hottest ${number(cell.s_left)}`;
       }
       row.append(item);
     }
     table.append(row);
   }
-  $("map").replaceChildren(...(cells.length ? [table, make("p", "Noise units; orange where that is more than chance.", { class: "quiet" })] : [make("p", "–")]));
+  $("map").replaceChildren(...(cells.length ? [table, make("p", "Noise units; orange where that is more than chance. A click draws the points.", { class: "quiet" })] : [make("p", "–")]));
 }
 
 function drawCandidates() {
@@ -224,7 +225,7 @@ function drawCandidates() {
 function drawPicture() {
   const step = state.steps[state.at];
   const stem = step ? step.model.replace(/\.toml$/, "") : "";
-  const pictures = [["fit", "Fit", `${stem}.html`], ["robot", "Robot in 3D", `${stem}.rrd`], ["compare", "Compare", `${stem}.compare.html`], ["diagnose", "Diagnosis", `${stem}.diagnose.html`], ["look", "Look", `${stem}.look.html`], ["try", "Tried", `${stem}.try.html`]]
+  const pictures = [["fit", "Fit", `${stem}.html`], ["robot", "Robot in 3D", `${stem}.rrd`], ["compare", "Compare", `${stem}.compare.html`], ["diagnose", "Diagnosis", `${stem}.diagnose.html`], ["look", "Look", `${stem}.look.html`], ["cell", "Points", `${stem}.cell.html`], ["try", "Tried", `${stem}.try.html`]]
     .filter(([id, , name]) => state.files.includes(name) && (id !== "robot" || state.viewer));
   if (!pictures.some(([id]) => id === tab)) tab = pictures.length ? pictures[0][0] : "";
   const tabs = pictures.map(([id, text]) => make("button", text, { role: "tab", "aria-selected": String(id === tab), on: () => { tab = id; drawPicture(); } }));
@@ -259,7 +260,7 @@ function question(file) {
   const close = () => { $("question").hidden = true; };
   $("question").replaceChildren(
     make("p", `${file.name}: are these further measurements, to be joined to ${state.data}?`),
-    make("button", "Join them and fit all again", { class: "main", on: async () => { close(); if (await upload(file, "rows")) await run("more", { rows: named(file) }); } }),
+    make("button", "Join them and fit all again", { class: "main", on: async () => { close(); await run("more", { rows: named(file) }); } }),
     make("button", "Begin anew with them", { on: async () => { close(); if (await upload(file)) { await refresh(); await run("begin", {}); } } }),
     make("button", "Neither", { on: close }),
   );
@@ -271,7 +272,7 @@ async function hand(list, as) {
   say("");
   for (const file of list) {
     if (!as && state && state.steps.length && /\.(csv|parquet)$/i.test(file.name) && file.name !== state.data) {
-      question(file);
+      if (await upload(file, "rows")) question(file);
       return null;
     }
     if (!(await upload(file, as))) return null;
