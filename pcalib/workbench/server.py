@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import re
 import secrets
 import socket
 import tempfile
@@ -40,6 +41,14 @@ TYPES = {
 }  # fmt: skip
 REPORT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
 """What a report of a command may do in the page: show itself. It runs no script and loads nothing."""
+KNOWN = (
+    *(f"q{i}_deg" for i in range(1, 7)), *(f"q{i}_mm" for i in range(1, 7)), "x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg",
+    "rz_deg", "qw", "qx", "qy", "qz", "tool_x_mm", "tool_y_mm", "tool_z_mm", "payload_kg", "time_s", "temp_degC",
+    "temp_arms_degC", "temp_rods_degC", "temp_base_degC", "dir1", "dir2", "dir3", "pose_id", "set",
+)  # fmt: skip
+"""Names of columns that the page offers, see docs/files.md."""
+_COLUMN = re.compile(r"\w{1,60}", re.ASCII)
+_NAMED = re.compile(r"#\s*columns\s*=")
 OWN = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; " \
     "frame-src 'self' http://127.0.0.1:*; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"  # fmt: skip
 
@@ -169,6 +178,39 @@ class Workbench:
                 self._keep(replace(self._session, **{what: name}, steps=(), commands=(), at=-1))
         return what
 
+    def columns(self) -> dict[str, list[str]]:
+        """The columns of the data, and the names that files of measurements use.
+
+        Raises:
+            InputError: there are no data, or they are no table.
+        """
+        from pcalib.data import table
+
+        if not self._session.data:
+            raise InputError("there are no data yet")
+        return {"columns": list(table.read(self.folder / self._session.data).columns), "known": list(KNOWN)}
+
+    def name_columns(self, names: str) -> None:
+        """Write a line above the header of the data that names their columns, as a person would by hand.
+
+        Args:
+            names: separated by commas, in order.
+
+        Raises:
+            InputError: there are no data, they are no CSV, or not every column has a name of its own.
+        """
+        given = [name.strip() for name in names.split(",")]
+        if not self._session.data or not self._session.data.lower().endswith(".csv"):
+            raise InputError("columns are named in a CSV file", remedy="rename others where the file is made")
+        if len(given) != len(self.columns()["columns"]) or len(set(given)) < len(given) or not all(given):
+            raise InputError("every column needs a name of its own")
+        if not all(_COLUMN.fullmatch(name) for name in given):
+            raise InputError("names of columns are letters, digits and _")
+        path = self.folder / self._session.data
+        lines = files.read_text(path).splitlines(keepends=True)
+        kept = [line for line in lines if not _NAMED.match(line)]
+        files.write_text(path, "".join([f"# columns = {','.join(given)}\n", *kept]))
+
     def example(self) -> None:
         """Put the built-in example in place: a Delta in which something is hidden."""
         for name in ("robot.toml", "data.csv"):
@@ -197,6 +239,11 @@ class Handler(BaseHTTPRequestHandler):
             self._send(200, content, TYPES[Path(name).suffix], OWN)
         elif path == "state":
             self._json(200, self.bench.state())
+        elif path == "columns":
+            try:
+                self._json(200, self.bench.columns())
+            except PcalibError as error:
+                self._json(400, {"problem": str(error)})
         elif path == "session.sh":
             self._send(200, session.load(self.bench.folder).shell().encode(), TYPES[".sh"], REPORT)
         elif path == "session.py":
@@ -239,6 +286,9 @@ class Handler(BaseHTTPRequestHandler):
             bench.run("begin", {})
         elif path == "run":
             bench.run(query.get("action", ""), {name: said for name, said in query.items() if name != "action"})
+        elif path == "columns":
+            bench.name_columns(query.get("names", ""))
+            bench.run("begin", {})
         elif path == "cancel":
             bench.worker.cancel()
         elif path == "at":

@@ -1,4 +1,7 @@
-"""Stands in for `pcalib` in tests of the page: writes at once what a command would, unless 'hold' is there."""
+"""Stands in for `pcalib` in tests of the page: writes at once what a command would, unless 'hold' is there.
+
+It refuses data without a line of columns where 'refused' is there.
+"""
 
 import json
 import sys
@@ -23,6 +26,8 @@ WRITTEN = {
 words = sys.argv[1:]
 while Path("hold").exists():
     time.sleep(0.01)
+if Path("refused").exists() and "# columns" not in Path("d.csv").read_text():
+    sys.exit("no column is called q1_deg")
 for option, content in (
     ("--json", json.dumps(WRITTEN.get(words[0], {}))), ("-o", "made = true\n"),
     ("--report", f"<title>{words[0]}</title><p>{words[0]} of this step"), ("--save", "RRF2"),

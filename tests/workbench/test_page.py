@@ -108,6 +108,20 @@ def test_rows_that_were_measured_later_are_joined_by_dropping_them(canned, look)
     assert "pcalib join d.csv new.csv -o joined1.csv" in session.load(canned[1].folder).shell()
 
 
+def test_columns_with_unknown_names_are_named_in_the_page(canned, look):
+    page = look(canned)
+    (canned[1].folder / "refused").touch()
+    robot = {"name": "robot.toml", "mimeType": "text/plain", "buffer": b"[geometry]"}
+    page.set_input_files("#choose", [{"name": "d.csv", "mimeType": "text/csv", "buffer": b"J1,<i>X\n1,2\n"}, robot])
+    page.click("#problem button:has-text('Name the columns')")
+    page.fill("#question input[aria-label='Name of column J1']", "q1_deg")
+    page.fill("#question input[aria-label='Name of column <i>X']", "x_mm")
+    page.click("#question button:has-text('Read it so')")
+    page.wait_for_selector("#advice button:has-text('Add thermal_rods')")
+    assert (canned[1].folder / "d.csv").read_text().startswith("# columns = q1_deg,x_mm\nJ1,")
+    assert page.locator("i").count() == 0 and not page.is_visible("#problem")
+
+
 CUT_OFF = """[...document.querySelectorAll('button, td, th, small, h2, p, li')].filter(e =>
     e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline').map(e => e.textContent)"""
 CONTRASTS = """() => {

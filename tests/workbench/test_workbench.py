@@ -296,3 +296,26 @@ class TestForOthers:
         (tmp_path / "p").chmod(mode or 0o600)
         assert main(["workbench", "--no-browser", *words]) == 2
         assert says in " ".join(capsys.readouterr().err.split())
+
+
+class TestColumns:
+    def test_columns_are_named_by_a_line_above_the_header(self, running):
+        port, bench = running
+        bench.take("d.csv", b"# columns = a,b\nJ1;Xm\n1,5;-800\n")
+        said = json.loads(ask(port, f"/{bench.token}/columns")[1])
+        assert said["columns"] == ["J1", "Xm"] and "q1_deg" in said["known"]
+        bench.name_columns("q1_deg, x_mm")
+        assert (bench.folder / "d.csv").read_text() == "# columns = q1_deg,x_mm\nJ1;Xm\n1,5;-800\n"
+
+    @pytest.mark.parametrize("names", ["q1_deg", "q1_deg,q1_deg", "q1_deg,", "q1_deg,x\n# frame = tracker", "a,b;c"])
+    def test_wrong_names_change_nothing(self, running, names):
+        _, bench = running
+        bench.take("d.csv", b"J1;Xm\n1,5;-800\n")
+        with pytest.raises(InputError):
+            bench.name_columns(names)
+        assert (bench.folder / "d.csv").read_bytes() == b"J1;Xm\n1,5;-800\n"
+
+    def test_without_data_it_is_said(self, running):
+        port, bench = running
+        assert ask(port, f"/{bench.token}/columns")[0] == 400
+        assert ask(port, f"/{bench.token}/columns?names=a", "POST")[0] == 400

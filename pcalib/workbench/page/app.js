@@ -82,10 +82,11 @@ function drawWork() {
   const waiting = state.jobs.filter((j) => j.state === "waits").length;
   $("work").textContent = running ? `${running.says} … ${number(running.seconds, 0)} s${waiting ? `, ${waiting} more` : ""}` : "";
   $("cancel").hidden = !running;
-  const ended = [...state.jobs].reverse().find((j) => j.state === "failed" || j.state === "done" || j.state === "cancelled");
+  const ended = [...state.jobs].reverse().find((j) => j.state === "failed" || j.state === "done"); // those behind one that fails are cancelled
   if (ended && ended.state === "failed" && shown !== `failed${ended.number}`) {
     shown = `failed${ended.number}`;
     say(`${ended.says} did not end well.\n${ended.said.trim()}`);
+    if (!state.steps.length && /\.csv$/i.test(state.data)) $("problem").append(make("p"), make("button", "Name the columns", { on: nameColumns }));
   }
 }
 
@@ -266,6 +267,29 @@ function question(file) {
   );
   $("question").hidden = false;
   $("question").querySelector("button").focus();
+}
+
+// Columns whose names are unknown are named by hand, as a line '# columns = …' above the header does.
+async function nameColumns() {
+  const found = await ask("columns");
+  if (!found) return;
+  const inputs = found.columns.map((name) => make("input", null, { value: name, list: "known", "aria-label": `Name of column ${name}` }));
+  const list = make("datalist", null, { id: "known" });
+  list.append(...found.known.map((name) => make("option", null, { value: name })));
+  const table = make("table");
+  found.columns.forEach((name, i) => {
+    const row = make("tr"), cell = make("td");
+    cell.append(inputs[i]);
+    row.append(make("td", name), cell);
+    table.append(row);
+  });
+  $("question").replaceChildren(
+    make("p", `What do the columns of ${state.data} hold? The unit stands in the name: q1_deg, x_mm.`), list, table,
+    make("button", "Read it so", { class: "main", on: async () => { const names = inputs.map((i) => i.value).join(","); $("question").hidden = true; await act(`columns?${new URLSearchParams({ names })}`); } }),
+    make("button", "Leave it", { on: () => { $("question").hidden = true; } }),
+  );
+  $("question").hidden = false;
+  inputs[0].focus();
 }
 
 async function hand(list, as) {
