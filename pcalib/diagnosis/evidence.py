@@ -11,7 +11,8 @@ from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.adequacy import Test
 from pcalib.diagnosis.candidates import Candidate, shown_by
-from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose, possible
+from pcalib.diagnosis.diagnose import Diagnosis, Finding, diagnose
+from pcalib.diagnosis.explanations import possible
 from pcalib.diagnosis.held_out import Change, HeldOut
 from pcalib.diagnosis.hypothesis import resolve, start_of
 from pcalib.diagnosis.scatters import apparent, axis_of, values_of
