@@ -78,7 +78,8 @@ class Equilibrium:
         """Newton from `data.qpos`, which should be closed, until loops and forces balance.
 
         Args:
-            again: whether it is all but the pose of the call before, whose matrix and forces then still serve.
+            again: whether the pose is nearly that of the call before, so that the search may begin with its matrix and
+                its constraint forces.
         """
         loops, free, n = self.loops, self.free, len(self.free)
         if not again:

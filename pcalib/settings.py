@@ -35,9 +35,9 @@ class Setting:
     default: Any = REQUIRED
     """[SI]"""
     low: float = -np.inf
-    """[SI] smallest value that is accepted,"""
+    """[SI] Smallest value that is accepted."""
     high: float = np.inf
-    """and the largest."""
+    """[SI] Largest value that is accepted."""
     per: str = ""
     """'actuator' or 'rod': one number each, or one number for all; '': one number, or a list of `count`."""
     count: int = 0

@@ -393,7 +393,7 @@ def _candidates(
 def _similar(
     made: Problem, known: Conditions, n: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, Conditions, np.ndarray]:
-    """Other poses under conditions drawn from those of the data, and the rows from which they are."""
+    """Random commands (n, nq), each under the conditions of a row that is drawn from the data, and those rows (n,)."""
     q = reachable(made.model.robot, n, rng).q
     like = rng.integers(0, len(made.data), n)
     return q, known.take(like), like

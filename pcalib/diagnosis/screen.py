@@ -26,7 +26,7 @@ ALIAS = 1e-4
 INVISIBLE = 0.5
 """Noise units: directions that the largest possible effect moves by less than this cannot be seen."""
 LARGE = 10.0
-"""Usual sizes that are the largest possible where nothing says what is."""
+"""Largest possible size of a parameter in usual sizes, where no physical range is stated."""
 NUISANCE = 0.05
 """Noise units per prior σ: weaker directions of what the model has are held by the priors and not projected out. To
 project them too would hide effects behind lengths that are wrong by many times their tolerance."""

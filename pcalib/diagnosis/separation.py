@@ -189,7 +189,7 @@ class _Columns:
         return self.effects[:, :, self.slices[k]]
 
     def keeping(self, shown: Sequence[bool]) -> _Columns:
-        """Without the effects that are not shown."""
+        """The columns of the geometry and of the effects that the rows show, (n_effects,) each."""
         parts = [self.of_effect(k) for k, seen in enumerate(shown) if seen]
         return _Columns(self.geometry, np.concatenate(parts, axis=-1), _slices(parts), self.position)
 

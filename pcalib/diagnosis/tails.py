@@ -54,8 +54,9 @@ def tails_of(z: np.ndarray, dof: int, sure: float) -> float:
 def find(y: np.ndarray, nuisance: np.ndarray, groups: Sequence[Group], classes: np.ndarray) -> Tails | None:
     """The tails of residuals y (M,) in noise units, what may be missing left out; None where they are normal.
 
-    What no group can take up says whether the noise has them, and says it softly, because each of these numbers is a
-    mixture of many readings. What the groups that are needed leave says how heavy they are.
+    Whether there are heavy tails is asked of the part of the residuals that no group can take up. Each number of that
+    part is a mixture of many readings, so that heavy tails look lighter there. How heavy they are is therefore measured
+    on what the groups leave that the data need.
 
     Args:
         nuisance: (M, n) columns of what the model has.

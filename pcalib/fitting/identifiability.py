@@ -164,15 +164,15 @@ class Indices:
     """Observability indices of a pose set (Sun & Hollerbach 2008), of the identified directions; larger is better."""
 
     O1: float
-    """(∏σ)^(1/n)/√m, the D-optimal one."""
+    """(∏σ)^(1/n)/√m of n singular values σ and m poses; a D-optimal plan has the largest."""
     O2: float
-    """σ_min/σ_max."""
+    """σ_min/σ_max, the inverse condition number."""
     O3: float
     """σ_min."""
     O4: float
     """σ_min²/σ_max."""
     O5: float
-    """1/Σ(1/σ)."""
+    """1/Σ(1/σ), which one small singular value makes small."""
 
 
 def observability(ratio: np.ndarray, n_poses: int, rank: int | None = None) -> Indices:

@@ -47,7 +47,7 @@ class Proposal:
         return sum(law.complexity for law in self.laws) + sum(len(c.scale) for c in self.beside)
 
     def words(self) -> str:
-        """Its laws without figures."""
+        """The laws and the listed effects beside them in words, without their fitted sizes."""
         return " and ".join([*(law.words() for law in self.laws), *(f"{c.name} (listed)" for c in self.beside)])
 
 
@@ -82,7 +82,7 @@ class Proposals:
 
     @property
     def adequate(self) -> tuple[Family, ...]:
-        """Classes on which nothing improves."""
+        """The classes of laws after which no candidate and no pattern improves the fit significantly."""
         return tuple(f for f in self.families if f.first.adequate)
 
 

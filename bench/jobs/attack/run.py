@@ -184,7 +184,7 @@ def prepare(folder: Path) -> None:
 
 
 def case(number: int, seed: int, folder: Path) -> Case:
-    """The case of a number."""
+    """The case with that number: what is damaged and how follows from the seed and the number alone."""
     dice = random.Random(f"{seed} {number}")
     if dice.random() < READ_SHARE:
         role = dice.choice(list(FILES))
