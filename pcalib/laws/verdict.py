@@ -27,7 +27,8 @@ class Beside:
     """The diagnosis, in which a listed effect is not established where a law explains the data better."""
     proposals: Proposals
     rivals: tuple[str, ...]
-    """Laws, in words, that do as well as the listed effects that were found without being these under another name."""
+    """Laws in words that explain the data as well as the listed effects that were found, but for laws that are one of
+    these effects under another name."""
     better: bool = False
     """Whether these laws explain the data better than the listed effects, by more than the search costs."""
 

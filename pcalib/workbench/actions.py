@@ -179,7 +179,8 @@ def done(session: Session, task: Task) -> Session:
 def with_step(session: Session, task: Task, figures: dict[str, Any], level: str = "") -> Session:
     """The session with the step that a command makes, or with the data that it joined; else as it is.
 
-    A fit begins the history. What is added to an earlier step than the last says to which.
+    A fit begins the history anew. An effect that is added to a step before the last has the number of that step in its
+    title.
     """
     if task.action == "join":
         return replace(session, data=task.words[task.words.index("-o") + 1])

@@ -41,7 +41,8 @@ ROOT = Path(__file__).resolve().parents[3]
 FIT_MS, FORWARD_US, EXACT_US, FIRST_US, IMPORT_S, HELP_S = 10.0, 8.0, 12.0, 3.0, 0.25, 0.5
 CLOSURE_TIMES, SETTLING_TIMES = 30.0, 1000.0
 READING_TIMES, DIAGNOSIS_TIMES = 200.0, 100.0
-"""Three times what was measured: 100,000 rows take as long as 70 identifications of 120 poses, a diagnosis as 31."""
+"""Bounds on the time to read 100,000 rows and on that of a diagnosis, in identifications of 120 poses. They are three
+times what was measured, 70 and 31."""
 IN_C_FORWARD, IN_C_EXACT = 8.0, 7.0
 """A third of what was measured: the extension in C is 25 and 23 times as fast as NumPy."""
 POSES = 60
