@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from pcalib import files
 from pcalib.errors import InputError, unknown
-from pcalib.workbench.session import Session, Step, Wanted
+from pcalib.workbench.session import LAW, Session, Step, Wanted
 
 ACTIONS = (
     "inspect", "join", "fit", "compare", "diagnose", "look", "try", "add", "plan", "compensate", "propose", "view",
@@ -21,7 +21,7 @@ CHAINS = {"begin": ("inspect", "fit", "compare", "diagnose", "view"), "add": ("a
 
 LISTED = re.compile(r"[a-z]\w*([:@][\w.]+)*", re.ASCII)
 """A listed effect, level or part, with its variant. A file of the user's own never matches: a page, or the record of a
-session that came from elsewhere, must not run code."""
+session that came from elsewhere, must not run code. A law of the session runs once its code was shown and agreed to."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +42,13 @@ class Task:
         return self.asked.get("effect", "")
 
 
-def tasks(action: str, session: Session, asked: Mapping[str, str]) -> list[Task]:
+def tasks(action: str, session: Session, asked: Mapping[str, str], agreed: Collection[str] = ()) -> list[Task]:
     """The command of an action and those that follow it by themselves.
 
     Rows that are joined are fitted together with those that were there, by all steps of the history.
+
+    Args:
+        agreed: laws whose code may run.
 
     Raises:
         InputError: as for `task`.
@@ -53,8 +56,8 @@ def tasks(action: str, session: Session, asked: Mapping[str, str]) -> list[Task]
     if action == "more":
         again = [made for step in session.steps if (made := _made_by(step, session)) is not None]
         wanted = [Wanted("join", asked), Wanted("inspect", {}), *again]
-        return queue([*wanted, *(Wanted(one, {}) for one in ("compare", "diagnose", "view"))], session)
-    return queue([Wanted(one, asked) for one in CHAINS.get(action, (action,))], session)
+        return queue([*wanted, *(Wanted(one, {}) for one in ("compare", "diagnose", "view"))], session, agreed)
+    return queue([Wanted(one, asked) for one in CHAINS.get(action, (action,))], session, agreed)
 
 
 def _made_by(step: Step, session: Session) -> Wanted | None:
@@ -66,7 +69,7 @@ def _made_by(step: Step, session: Session) -> Wanted | None:
     return None
 
 
-def queue(wanted: Sequence[Wanted], session: Session) -> list[Task]:
+def queue(wanted: Sequence[Wanted], session: Session, agreed: Collection[str] = ()) -> list[Task]:
     """The commands of actions, each in the session as those before it will leave it.
 
     Raises:
@@ -74,17 +77,20 @@ def queue(wanted: Sequence[Wanted], session: Session) -> list[Task]:
     """
     out = []
     for one in wanted:
-        out.append(task(one.action, session, one.asked, one.model))
+        out.append(task(one.action, session, one.asked, one.model, agreed))
         session = with_step(session, out[-1], {})
     return out
 
 
-def task(action: str, session: Session, asked: Mapping[str, str], model_file: str = "") -> Task:
+def task(
+    action: str, session: Session, asked: Mapping[str, str], model_file: str = "", agreed: Collection[str] = ()
+) -> Task:
     """The command of an action.
 
     Args:
         asked: what the page sent with it: `effect`, `between`, `targets`, `rows`, `cell`, `tool`, `to`, `level`.
         model_file: the model that it makes, where it was begun before; empty: a new name.
+        agreed: laws whose code may run.
 
     Raises:
         InputError: an unknown action, or one that the session is not ready for.
@@ -99,7 +105,7 @@ def task(action: str, session: Session, asked: Mapping[str, str], model_file: st
         if value.startswith("-") and key != "tool":
             raise InputError(f"'{value}' is no {key}")
     for spec in (effect, *asked.get("between", "").replace("+", ",").split(",")):
-        if spec and not LISTED.fullmatch(spec):
+        if spec and not LISTED.fullmatch(spec) and spec not in agreed:
             raise InputError(
                 f"'{spec}' is no listed effect", remedy="effects of your own run from the command line only: pcalib add"
             )
@@ -115,7 +121,10 @@ def task(action: str, session: Session, asked: Mapping[str, str], model_file: st
         return Task(action, f"Fitting the geometry, level {level}", words, asked, f"{fresh}.toml")
     if step is None:
         raise InputError("a model is needed first: fit the data")
-    name, model = Path(step.model).stem, ("--model", step.model)
+    if unknown_code := [spec for spec in step.code if spec not in agreed]:
+        raise InputError(f"this model runs the code of {unknown_code[0]}", remedy="look at it, and agree to it")
+    name = Path(step.model).stem
+    model = ("--model", step.model, *(word for spec in step.code for word in ("--effect-file", spec)))
     if action == "compare":
         out = ("--json", f"{name}.compare.json", "--report", f"{name}.compare.html")
         return Task(action, "Comparing model and measurements", ("compare", data, *model, *out), asked)
@@ -150,9 +159,9 @@ def task(action: str, session: Session, asked: Mapping[str, str], model_file: st
         words = ("propose", data, *model, "-o", "laws", "--json", f"{name}.laws.json")
         return Task(action, "Searching for a law", words, asked)
     if action == "view":
-        words = ("view", step.model, "--save", f"{name}.rrd", "--json", f"{name}.view.json")
+        words = ("view", step.model, *model[2:], "--save", f"{name}.rrd", "--json", f"{name}.view.json")
         return Task(action, "Drawing the robot", words, asked)
-    words = ("export", step.model, "--to", asked.get("to") or "c", "-o", "controller")
+    words = ("export", step.model, *model[2:], "--to", asked.get("to") or "c", "-o", "controller")
     return Task(action, "Writing code for the controller", words, asked)
 
 
@@ -186,13 +195,16 @@ def with_step(session: Session, task: Task, figures: dict[str, Any], level: str 
         return replace(session, data=task.words[task.words.index("-o") + 1])
     if not task.model:
         return session
+    code: tuple[str, ...] = ()
     if task.action != "add":
         kept, title = (), level
     else:
         kept, base = session.steps, task.words[task.words.index("--model") + 1]
         number = next((i for i, step in enumerate(kept, start=1) if step.model == base), len(kept))
-        title = f"+ {task.subject}" if number == len(kept) else f"{number} + {task.subject}"
-    step = Step(title, task.model, figures, f"{Path(task.model).stem}.html")
+        name = task.subject.rpartition(":")[2] if LAW.fullmatch(task.subject) else task.subject
+        title = f"+ {name}" if number == len(kept) else f"{number} + {name}"
+        code = (*kept[number - 1].code, *([task.subject] if name != task.subject else []))
+    step = Step(title, task.model, figures, f"{Path(task.model).stem}.html", code)
     return replace(session, steps=(*kept, step), at=len(kept))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import hashlib
 import json
 import re
 import secrets
@@ -62,6 +63,7 @@ class Workbench:
         self._session = session.load(folder)
         self.folder = folder
         self.host, self.password = host, password
+        self._agreed: dict[str, str] = {}
         self.token = secrets.token_urlsafe(24)
         self.worker = Worker(folder, self._ended, self._record_pending)
         with contextlib.suppress(InputError):  # what can no longer be done is left
@@ -109,6 +111,7 @@ class Workbench:
         }  # fmt: skip
         return {
             **now.as_json(),
+            "agreed": self.agreed(),
             "viewer": f"{self.viewer}/" if any(f.suffix == ".rrd" for f in self.folder.iterdir()) else "",
             "inspect": actions.read(self.folder / "inspect.json") if now.data else {},
             "written": {name: content for name, content in written.items() if content},
@@ -128,11 +131,42 @@ class Workbench:
         """
         with self._lock:
             now = self._session
-        wanted = actions.tasks(action, now, asked)
+        wanted = actions.tasks(action, now, asked, self.agreed())
         if any(task.model for task in wanted):
             self._no_step_is_made()
         pending = self.worker.pending()
         self.worker.add(*(task for task in wanted if task not in pending))
+
+    def code(self, spec: str) -> dict[str, str]:
+        """The code of a law that was proposed in this session, and its digest.
+
+        Raises:
+            InputError: there is no such law.
+        """
+        path = self.folder / spec.partition(":")[0]
+        if not session.LAW.fullmatch(spec) or path.is_symlink() or path.parent.is_symlink() or not path.is_file():
+            raise InputError(f"'{spec:.60}' is no law of this session")
+        text = files.read_text(path)
+        return {"spec": spec, "text": text, "digest": hashlib.sha256(text.encode()).hexdigest()}
+
+    def agree(self, spec: str, digest: str) -> None:
+        """Let the code of a law run, as it was shown.
+
+        Raises:
+            InputError: there is no such law, or it is not what was shown.
+        """
+        if not secrets.compare_digest(self.code(spec)["digest"].encode(), digest.encode()):
+            raise InputError(f"{spec} is not what was shown", remedy="look at it again")
+        self._agreed[spec] = digest
+
+    def agreed(self) -> list[str]:
+        """Laws that somebody agreed to since this program was started, and that are what they were."""
+        out = []
+        for spec, digest in self._agreed.items():
+            with contextlib.suppress(InputError):
+                if self.code(spec)["digest"] == digest:
+                    out.append(spec)
+        return out
 
     def _no_step_is_made(self) -> None:
         if any(task.model for task in self.worker.pending()):
@@ -239,9 +273,9 @@ class Handler(BaseHTTPRequestHandler):
             self._send(200, content, TYPES[Path(name).suffix], OWN)
         elif path == "state":
             self._json(200, self.bench.state())
-        elif path == "columns":
+        elif path in ("columns", "code"):
             try:
-                self._json(200, self.bench.columns())
+                self._json(200, self.bench.columns() if path == "columns" else self.bench.code(query.get("spec", "")))
             except PcalibError as error:
                 self._json(400, {"problem": str(error)})
         elif path == "session.sh":
@@ -286,6 +320,8 @@ class Handler(BaseHTTPRequestHandler):
             bench.run("begin", {})
         elif path == "run":
             bench.run(query.get("action", ""), {name: said for name, said in query.items() if name != "action"})
+        elif path == "agree":
+            bench.agree(query.get("spec", ""), query.get("digest", ""))
         elif path == "columns":
             bench.name_columns(query.get("names", ""))
             bench.run("begin", {})

@@ -25,6 +25,8 @@ SHAPE = {
 LARGEST = 64 * 2**20
 """[bytes] of one file that is handed over: a million poses as text."""
 _MODEL = re.compile(r"model\d+\.toml", re.ASCII)
+LAW = re.compile(r"laws/[a-z0-9_]{1,80}\.py:[A-Za-z]\w{0,80}", re.ASCII)
+"""A law that was proposed in the session's folder."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,99}")
 
 
@@ -40,6 +42,8 @@ class Step:
     """rms, rms_check [µm] and u95 [µm], where they are known."""
     report: str = ""
     """Name of the report of the fit."""
+    code: tuple[str, ...] = ()
+    """Laws that the model needs, 'laws/file.py:Class' each: code that runs only once somebody has agreed to it."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +118,7 @@ def load(folder: Path) -> Session:
     remedy = "move it away to begin anew; the models and figures in the folder stay"
     found = files.parse_json(files.read_text(record), record, remedy)
     files.require_shape(found, SHAPE, record, remedy)
-    steps = tuple(Step(**{key: step[key] for key in SHAPE["steps"][0]}) for step in found["steps"])
+    steps = tuple(Step(**{key: step[key] for key in SHAPE["steps"][0]}, code=_code_of(step)) for step in found["steps"])
     named = [found["data"], found["robot"], *(name for step in steps for name in (step.model, step.report))]
     for name in named:
         if name and not is_name(name):  # it becomes a word of a command
@@ -123,6 +127,13 @@ def load(folder: Path) -> Session:
     pending = tuple(Wanted(one["action"], one["asked"], _model_of(one)) for one in found["pending"])
     at = min(int(found["at"]), len(steps) - 1)
     return Session(found["data"], found["robot"], steps, commands, max(at, -1), pending, folder)
+
+
+def _code_of(step: Mapping[str, Any]) -> tuple[str, ...]:
+    """The laws of a step; records of earlier versions have none."""
+    code = step.get("code", [])
+    known = code if isinstance(code, list) else []
+    return tuple(spec for spec in known if isinstance(spec, str) and LAW.fullmatch(spec))
 
 
 def _model_of(pending: Mapping[str, Any]) -> str:

@@ -21,6 +21,7 @@ WRITTEN = {
     "add": {"effect": "thermal_rods", "before": DATA, "after": DATA | {"rms_pos_um": 22.3}},
     "compare": {"heatmap": FOUND["heatmap"]},
     "diagnose": FOUND,
+    "propose": {"laws": [{"spec": "laws/tool_by_time.py:ToolByTime", "words": "the tool creeps"}]},
 }
 
 words = sys.argv[1:]
@@ -28,6 +29,10 @@ while Path("hold").exists():
     time.sleep(0.01)
 if Path("refused").exists() and "# columns" not in Path("d.csv").read_text():
     sys.exit("no column is called q1_deg")
+if words[0] == "propose":
+    Path("laws").mkdir(exist_ok=True)
+    Path("laws/tool_by_time.py").write_text("class ToolByTime: '<b>creeps</b>'\n")
+    words.remove("-o")
 for option, content in (
     ("--json", json.dumps(WRITTEN.get(words[0], {}))), ("-o", "made = true\n"),
     ("--report", f"<title>{words[0]}</title><p>{words[0]} of this step"), ("--save", "RRF2"),

@@ -122,6 +122,22 @@ def test_columns_with_unknown_names_are_named_in_the_page(canned, look):
     assert page.locator("i").count() == 0 and not page.is_visible("#problem")
 
 
+def test_a_law_is_read_before_it_runs(canned, look):
+    page = begun(canned, look)
+    page.evaluate("run('propose', {})")
+    page.click("#advice button[aria-label='Add laws/tool_by_time.py:ToolByTime']")
+    assert page.inner_text("#question pre").startswith("class ToolByTime: '<b>creeps</b>'")
+    page.click("#question button:has-text('Run it')")
+    page.wait_for_selector("#history li:nth-child(2):has-text('+ ToolByTime')")
+    page.wait_for_selector("#work:empty", state="attached")
+    said = session.load(canned[1].folder).shell()
+    assert "pcalib add laws/tool_by_time.py:ToolByTime data.csv" in said
+    assert "--model model2.toml --effect-file laws/tool_by_time.py:ToolByTime" in said
+    (canned[1].folder / "laws" / "tool_by_time.py").write_text("import os")  # another program than the one agreed to
+    page.click("#advice button:has-text('Show its code')")
+    page.wait_for_selector("#question pre:has-text('import os')")
+
+
 CUT_OFF = """[...document.querySelectorAll('button, td, th, small, h2, p, li')].filter(e =>
     e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline').map(e => e.textContent)"""
 CONTRASTS = """() => {

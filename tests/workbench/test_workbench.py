@@ -319,3 +319,60 @@ class TestColumns:
         port, bench = running
         assert ask(port, f"/{bench.token}/columns")[0] == 400
         assert ask(port, f"/{bench.token}/columns?names=a", "POST")[0] == 400
+
+
+class TestLaws:
+    LAW = "laws/tool_by_time.py:ToolByTime"
+
+    def begun(self, bench):
+        (bench.folder / "laws").mkdir()
+        (bench.folder / "laws" / "tool_by_time.py").write_text("class ToolByTime: pass\n")
+        step = session.Step("complete", "model1.toml", {}, "model1.html")
+        return session.Session("d.csv", "r.toml", (step,), at=0, source=bench.folder)
+
+    def test_a_law_runs_once_its_code_is_agreed_to_and_no_longer_than_it_stays_the_same(self, running):
+        _, bench = running
+        now = self.begun(bench)
+        with pytest.raises(InputError, match="no listed effect"):
+            actions.tasks("add", now, {"effect": self.LAW}, bench.agreed())
+        bench.agree(self.LAW, bench.code(self.LAW)["digest"])
+        added = actions.tasks("add", now, {"effect": self.LAW}, bench.agreed())
+        assert added[0].words[:2] == ("add", self.LAW)
+        assert all(t.words[-2:] == ("--effect-file", self.LAW) or "--effect-file" in t.words for t in added[1:])
+        after = actions.done(now, added[0])
+        assert after.steps[-1].title == "+ ToolByTime" and after.steps[-1].code == (self.LAW,)
+        (bench.folder / "laws" / "tool_by_time.py").write_text("import os\n")
+        assert bench.agreed() == []
+        with pytest.raises(InputError, match="runs the code of"):
+            actions.task("compare", after, {}, agreed=bench.agreed())
+
+    def test_a_record_agrees_to_nothing(self, running):
+        """A session's folder may come from elsewhere, with laws and with actions that wait."""
+        _, bench = running
+        now = self.begun(bench)
+        step = replace(now.steps[0], code=(self.LAW,))
+        waits = (session.Wanted("compare", {}),)
+        session.save(replace(now, steps=(step,), pending=waits))
+        again = Workbench(bench.folder)
+        assert again.worker.pending() == [] and again.agreed() == []
+        assert session.load(bench.folder).steps[0].code == (self.LAW,)
+        again.worker.close()
+
+    @pytest.mark.parametrize(
+        "spec", ["laws/../x.py:A", "x.py:A", "laws/none.py:A", "laws/link.py:A", "/x.py:A", "laws/a.py"]
+    )
+    def test_only_laws_of_the_session_are_shown(self, running, tmp_path, spec):
+        port, bench = running
+        self.begun(bench)
+        (tmp_path / "x.py").write_text("secret")
+        (bench.folder / "laws" / "link.py").symlink_to(tmp_path / "x.py")
+        status, said, _ = ask(port, f"/{bench.token}/code?spec={spec}")
+        assert status == 400 and b"secret" not in said
+        with pytest.raises(InputError, match="no law of this session"):
+            bench.agree(spec, "0" * 64)
+
+    def test_what_was_not_shown_is_not_agreed_to(self, running):
+        _, bench = running
+        self.begun(bench)
+        with pytest.raises(InputError, match="not what was shown"):
+            bench.agree(self.LAW, "0" * 64)

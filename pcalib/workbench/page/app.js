@@ -164,7 +164,17 @@ function drawVerdict() {
   if (!found && state.steps.length) out.push(make("button", "Look for what is missing", { on: () => run("diagnose", {}) }));
   if (!state.steps.length) out.push(make("button", "Fit", { class: "main", on: () => run("begin", {}) }));
   const laws = state.written.laws;
-  for (const law of ((laws && laws.laws) || []).slice(0, 3)) out.push(make("p", `Law: ${law.words}`));
+  for (const law of ((laws && laws.laws) || []).slice(0, 3)) {
+    const line = make("p", `Law: ${law.words} `);
+    if (/^laws\/[^+]+:\w+$/.test(law.spec)) {
+      for (const [action, text] of [["look", "Look"], ["try", "Try"], ["add", "Add"]]) {
+        line.append(make("button", text, { "aria-label": `${text} ${law.spec}`, on: () => withCode(law.spec, () => { if (action === "look") tab = "look"; run(action, { effect: law.spec }); }) }), " ");
+      }
+    }
+    out.push(line);
+  }
+  const code = state.steps.length ? (state.steps[state.at].code || []).find((spec) => !state.agreed.includes(spec)) : null;
+  if (code) out.unshift(make("p", "This model has a law whose code has not been looked at since the program was started."), make("button", "Show its code", { on: () => withCode(code, refresh) }));
   const tried = state.written.try;
   if (tried && tried.after) {
     const rest = tried.held_out && tried.held_out.confirmed ? "held-out poses confirm it" : "held-out poses do not confirm it";
@@ -267,6 +277,20 @@ function question(file) {
   );
   $("question").hidden = false;
   $("question").querySelector("button").focus();
+}
+
+// A law is a short program: it is shown before it runs.
+async function withCode(spec, next) {
+  if (state.agreed.includes(spec)) return next();
+  const found = await ask(`code?${new URLSearchParams({ spec })}`);
+  if (!found) return;
+  const close = () => { $("question").hidden = true; };
+  $("question").replaceChildren(
+    make("p", `${spec} is a program that runs on this computer. Read it first:`), make("pre", found.text),
+    make("button", "Run it", { class: "main", on: async () => { close(); if (await ask(`agree?${new URLSearchParams({ spec, digest: found.digest })}`, { method: "POST", body: "" })) { await refresh(); next(); } } }),
+    make("button", "Leave it", { on: close }),
+  );
+  $("question").hidden = false;
 }
 
 // Columns whose names are unknown are named by hand, as a line '# columns = …' above the header does.
