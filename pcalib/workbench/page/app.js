@@ -160,7 +160,7 @@ function drawVerdict() {
       out.push(make("button", `Plan what tells ${next.between.join(" from ")}`, { on: () => run("plan", { between }) }));
     }
   }
-  if (found && found.verdict === "unexplained") out.push(make("button", "Search for a law", { on: () => run("propose", {}) }));
+  if (found && (found.verdict === "unexplained" || (found.laws || []).length)) out.push(make("button", "Search for a law", { on: () => run("propose", {}) }));
   if (!found && state.steps.length) out.push(make("button", "Look for what is missing", { on: () => run("diagnose", {}) }));
   if (!state.steps.length) out.push(make("button", "Fit", { class: "main", on: () => run("begin", {}) }));
   const laws = state.written.laws;
