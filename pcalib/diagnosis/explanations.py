@@ -17,7 +17,7 @@ from pcalib.diagnosis.held_out import HeldOut, refitted
 from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.problem import Problem, problem
 from pcalib.diagnosis.screen import ALIAS, NUISANCE, Screen, project_out, span
-from pcalib.diagnosis.verdict import NEARLY, TRACE, Doubt, Explanation, Nearly
+from pcalib.diagnosis.verdict import LOUD, NEARLY, TRACE, Doubt, Explanation, Nearly
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import identification
@@ -83,6 +83,7 @@ def explanations(
             for chosen in world.adequate(room, level):
                 explained = _explanation(world, chosen)
                 found.setdefault(explained.names, explained)
+        found |= _levels_as_good(worlds, found, level)
         ordered = sorted(found.values(), key=lambda e: (bool(e.implausible), e.bic))
         events = _events(start, level) if size == 1 else []
         if events and not (ordered and ordered[0].bic < events[0].bic - CLEARLY):
@@ -95,6 +96,28 @@ def explanations(
         if size == 0:  # something is missing: now it is worth the refits at richer levels
             worlds += _richer(start, data, own, n_draws, seed, without)
     return [], ()
+
+
+def _levels_as_good(
+    worlds: Sequence[World], found: Mapping[tuple[str, ...], Explanation], level: float
+) -> dict[tuple[str, ...], Explanation]:
+    """Geometry levels that explain the data far more simply than what was found, up to a noise that is as stated.
+
+    Where no replicates show the noise, σ is known to a quarter. A level with many more parameters then takes up what
+    the noise is larger than stated, and would hide the simple one that is right but for that.
+    """
+    best = min((e.bic for e in found.values()), default=-np.inf)
+    out = {}
+    for world in worlds:
+        screen = world.screen
+        if not world.prefix or world.prefix in found or world.problem.noise.verified:
+            continue
+        rest = float(screen.residual @ screen.residual) / LOUD**2
+        if screen.p_value(rest, max(screen.free, 1)) > level:
+            explained = _explanation(world, ())
+            if explained.bic < best - CLEARLY:
+                out[explained.names] = explained
+    return out
 
 
 @dataclass(frozen=True)

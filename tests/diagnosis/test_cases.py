@@ -77,6 +77,17 @@ def test_contacts_of_a_tilted_bed_show_the_level_that_tilts():
     assert judged(fitted("bed_tilted", "printer", "tower_lean"), "bed_tilted").verdict == "nothing_missing"
 
 
+def test_rods_of_another_length_are_named_before_levels_that_fit_anything():
+    """The robot file has rods that are 5 mm too long. Thirty parameters more fit 40 heights as well, and no others."""
+    found = diagnosed("rod_5mm", "rod_5mm", "firmware6")
+    assert found.verdict == "ambiguous" and found.sets[0].names == ("firmware7",)
+    assert telling.sentence(found).endswith("Something is missing: firmware7 or complete. These poses cannot tell which.")
+    model = fitted("rod_5mm", "rod_5mm", "firmware7")
+    level = model.robot.mechanism.levels["firmware7"]
+    rod = level.coordinates(model.errors)[level.columns.index("rod.length")]
+    assert abs(rod + 4.88e-3) < 0.5e-3  # m; 5 mm are right
+
+
 def test_towers_that_lean_and_a_rod_that_is_too_long_tilt_a_plate_alike():
     """One rod pair is unequal; heights probed beside the nozzle cannot tell it from towers that lean."""
     found = diagnosed("rod_pair", "linear", "firmware6")
