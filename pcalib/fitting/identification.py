@@ -45,6 +45,8 @@ from pcalib.model import LOSSES, METHODS, FitOptions, FittedEffect, Model
 from pcalib.posterior import Posterior, Remaining
 from pcalib.robot import Robot
 
+GROSS = 0.2
+"""Robust weight up to which a row is gross: Huber's loss gives it to residuals of 6.7 σ."""
 _ROUNDING = 1e-9
 """Share of a parameter's tolerance below which a level only seems to free it, by rounding."""
 
@@ -177,7 +179,9 @@ def _conclude(
         taken = float(np.sum(information / (1 + information)))
     taken += unknowns.n_effects + unknowns.n_registration
 
-    rows = data.take(fitted), noise.take(fitted)
+    # What a robust loss gives next to no weight is no part of what the fit leaves over either.
+    own = noise.take(fitted)
+    rows = data.take(fitted), replace(own, measured=own.measured & (weight[fitted] > GROSS)[:, None])
     found = Fit(
         candidate=_with_sigma(state.model, unknowns, covariance),
         status=status,

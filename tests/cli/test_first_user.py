@@ -8,9 +8,11 @@ import pytest
 from pcalib import cli, compensation
 from pcalib import robot as robots
 from pcalib.data import joining, measurement, table
-from pcalib.fitting import as_drawn
+from pcalib.fitting import as_drawn, identification
 from pcalib.model import Model
 from pcalib.rotation import exp
+from pcalib.uncertainty import assessed
+from pcalib.uncertainty.outlook import outlook
 
 TURN = exp(np.array([0.2, -0.1, 2.0]))
 
@@ -174,3 +176,14 @@ def test_measurements_are_no_targets(data, run, delta, perturb):
     measurement.save("d.csv", data)
     code, said = run("compensate d.csv --model m.toml -o c.csv")
     assert code == 2 and "a measurement file: it holds commands" in said.replace("\n", " ")
+
+
+@pytest.mark.parametrize("size", [2e-3, 2e-2])
+def test_a_gross_row_in_a_robust_fit_does_not_widen_what_to_expect(data, delta, size):
+    position = data.position.copy()
+    position[7, 0] += size
+    right = outlook(assessed(identification.fit(data, delta)))
+    robust = outlook(assessed(identification.fit(replace(data, position=position), delta, loss="huber")))
+    plain = outlook(assessed(identification.fit(replace(data, position=position), delta)))
+    assert robust.taught == pytest.approx(right.taught, rel=0.25)
+    assert plain.taught > 3 * right.taught

@@ -81,7 +81,7 @@ def test_rods_of_another_length_are_named_before_levels_that_fit_anything():
     """The robot file has rods that are 5 mm too long. Thirty parameters more fit 40 heights as well, and no others."""
     found = diagnosed("rod_5mm", "rod_5mm", "firmware6")
     assert found.verdict == "ambiguous" and found.sets[0].names == ("firmware7",)
-    assert telling.sentence(found).endswith("Something is missing: firmware7 or complete. These poses cannot tell which.")
+    assert telling.sentence(found).endswith("firmware7 or complete. These poses cannot tell which.")
     model = fitted("rod_5mm", "rod_5mm", "firmware7")
     level = model.robot.mechanism.levels["firmware7"]
     rod = level.coordinates(model.errors)[level.columns.index("rod.length")]
