@@ -28,6 +28,9 @@ WIDTH = 6.0
 0.5°, as machines that were put together without care have them."""
 STEPS = 6
 """Steps of a quick fit: from such errors Gauss–Newton needs three or four."""
+PATIENT = 60
+"""Steps of a quick fit that decides whether anything is wrong: from a body that seems turned against the plate, the
+first steps may have to be damped."""
 REACHED = 0.8
 """Share of commands that the robot must be able to take."""
 FAR = 20.0
@@ -108,13 +111,13 @@ def _spaced(rows: np.ndarray, most: int) -> np.ndarray:
     return rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)] if len(rows) else rows
 
 
-def distance(data: Measurements, robot: Robot) -> Distance | None:
+def distance(data: Measurements, robot: Robot, steps: int = STEPS) -> Distance | None:
     """A quick fit; None where the robot cannot take the commands or a tracker's frame cannot be registered."""
     try:
         model, data, at = _start(data, robot)
         unknowns = _unknowns(model, data)
         every = np.arange(len(unknowns.names))
-        state = minimise(Task(data, Noise.of(data), unknowns, every, "linear", 1.0, STEPS), model, at)
+        state = minimise(Task(data, Noise.of(data), unknowns, every, "linear", 1.0, steps), model, at)
     except (PcalibError, np.linalg.LinAlgError):
         return None
     g = unknowns.n_geometry

@@ -148,6 +148,8 @@ def _judge(some: Measurements, robot: Robot, always: bool) -> Judgement:
     if len(np.unique(np.round(some.q, 9), axis=0)) < FEWEST:
         return Judgement(None)
     here = drawing.distance(some, robot)
+    if _suspicious(here):
+        here = drawing.distance(some, robot, drawing.PATIENT)
     if not (always or _suspicious(here)):
         turned = tuple((m.code, m.words, m.edit) for m in _turned_otherwise(some, robot, here))
         return Judgement(here, turned, tried=bool(turned))
