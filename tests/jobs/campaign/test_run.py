@@ -72,7 +72,7 @@ def test_any_number_of_workers(reference, tmp_path, n_workers):
 
 
 def finished(parts: Path) -> list[str]:
-    """The parts on disk; none where the folder is not there yet, or a campaign that ended has just removed it."""
+    """Names of the parts on disk; empty before the folder is made and after the campaign has removed it."""
     try:
         return [name for name in os.listdir(parts) if name.endswith(".parquet") and not name.startswith(".")]
     except FileNotFoundError:
@@ -268,13 +268,13 @@ def test_interrupted(written, tmp_path, n_workers):
     spec_file = written(robots="robots = 400", part_robots="part_robots = 1")
     process = begun(spec_file, tmp_path / "out", "--workers", n_workers)
     parts = tmp_path / "out" / "parts"
-    while not (parts.is_dir() and list(parts.glob("*.parquet"))):
+    while not finished(parts):
         time.sleep(0.01)
         assert process.poll() is None
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     out, err = process.communicate(timeout=WAIT)
     assert process.returncode == 130 and err.decode().strip() == "interrupted"
-    kept = len(list(parts.glob("*.parquet")))
+    kept = len(finished(parts))
     assert f"{kept} of 400 robots are kept; the same command goes on from there" in out.decode()
     with pytest.raises(ProcessLookupError):  # no worker is left behind
         deadline = time.monotonic() + WAIT
