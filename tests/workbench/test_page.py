@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -36,6 +37,13 @@ def test_a_person_walks_through_it(running, look):
     page.wait_for_selector("#verdict:has-text('Nothing is missing')", timeout=120_000)
     texts = page.locator("#history small").all_inner_texts()
     assert texts[0].startswith("55.7\xa0µm fit") and texts[2].startswith("22.3\xa0µm fit")
+    targets = b"x_mm,y_mm,z_mm,temp_rods_degC\n0,0,-800,25\n150,-80,-850,25\n0,0,-500,25\n"
+    page.set_input_files("#target-file", {"name": "targets.csv", "mimeType": "text/csv", "buffer": targets})
+    with page.expect_download(timeout=60_000) as download:
+        page.click("#downloads a[download='commands.csv']", timeout=60_000)
+    rows = list(csv.DictReader(Path(download.value.path()).read_text().splitlines()[1:]))
+    assert [row["status"] for row in rows] == ["ok", "ok", "outside_workspace"] and float(rows[1]["u95_um"]) > 0
+    page.wait_for_selector("#commands:has-text('2 of 3 targets have a command')")
     page.set_input_files("#choose", {"name": "<b>.csv", "mimeType": "text/csv", "buffer": b"nonsense"})
     page.wait_for_selector("#problem:not([hidden]), #files:has-text('_b_.csv')", timeout=30_000)
     assert page.locator("b").count() == 0

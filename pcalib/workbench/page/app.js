@@ -147,6 +147,8 @@ function drawDownloads() {
   if (state.files.includes("plan.csv")) list.push(link("file?name=plan.csv", "rows to measure next", "plan.csv"));
   list.push(link("session.sh", "this session as a shell script", "session.sh"), link("session.py", "and as Python", "session.py"));
   $("downloads").replaceChildren(...list);
+  const computed = [...state.jobs].reverse().find((j) => j.words[1] === "compensate" && j.state === "done");
+  $("commands").textContent = computed ? computed.said.trim() : "";  // also how many targets were refused
 }
 
 function drawVerdict() {
