@@ -23,7 +23,8 @@ from pcalib.fitting.wild import wild
 from pcalib.robot import Robot
 
 GAIN = 0.25
-"""A reading that explains the data must bring the quick fit's cost below this share."""
+"""A reading that explains the data must bring the quick fit's cost below this share; what noise costs apart, where the
+data are far from the drawing as they stand."""
 OFF = 5.0
 """Times σ that a quick fit leaves over, from which on other readings are tried: physics that a model lacks leaves
 less on most machines, and a reading must bring the data home to be named in any case."""
@@ -235,7 +236,14 @@ def _home(there: Distance | None, here: Distance | None, shrunk: float = 0.0) ->
         small = here.ratio_pos < SMALL or here.ratio_rot < SMALL
         if small:
             return True
-    return there.cost < GAIN * here.cost and here.cost - there.cost + min(shrunk, 0.0) > 4 * ALIKE
+    # What noise alone costs does not shrink with the better reading. Where parts are as drawn, little else may be left.
+    share = there.cost / here.cost if here.near else _beyond_noise(there) / max(_beyond_noise(here), 1.0)
+    return share < GAIN and here.cost - there.cost + min(shrunk, 0.0) > 4 * ALIKE
+
+
+def _beyond_noise(found: Distance) -> float:
+    """The cost above one unit for each reading, which is what noise leaves."""
+    return max(found.cost - found.readings, 0.0)
 
 
 def _roughly(data: Measurements, robot: Robot) -> bool:

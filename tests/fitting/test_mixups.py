@@ -86,6 +86,18 @@ def test_misread_files_are_named(kind):
     assert [t.entry.words for t in found if not t.named] == []
 
 
+def test_dimensions_that_differ_little_are_named_where_they_are_exchanged():
+    """An h4 has a base radius of 150 and a base spacing of 160 mm: exchanged, noise is a quarter of what is wrong."""
+    for seed in range(3):
+        h4 = robot.load(MODELS / "h4.toml")
+        data = trials.right_file(h4, np.random.default_rng([seed, 7]))
+        entry = next(e for e in misreadings.table(data, h4) if e.code == "dimensions_exchanged")
+        assert "base radius and base spacing" in entry.words
+        written, drawn = entry.spoil(data, h4)
+        found = mixups.judge(written, drawn)
+        assert [words for _, words, _ in found.readings] == [entry.words]
+
+
 def test_right_files_are_not():
     assert list(trials.false_alarms(70, seed=3, tried=35)) == []
 
