@@ -3,10 +3,11 @@
     scripts/uncertainty_study                  # the whole: about fifteen minutes on two cores
     scripts/uncertainty_study --quick          # a few robots of each sort
 
-Four parts, each of its own random robots. `nothing`: nothing is hidden, all kinds. `hidden`: one fault is hidden, and
+Five parts, each of its own random robots. `nothing`: nothing is hidden, all kinds. `hidden`: one fault is hidden, and
 the geometry is fitted alone. `added`: the same, with the effect added that describes it. `accept`: acceptance tests of
-robots that are not as good as asked for; inside are those that do not pass. A cell holds when its coverage is as
-docs/uncertainty.md promises.
+robots that are not as good as asked for; inside are those that do not pass. `within`: plans of `pcalib plan --within`,
+whose RMS miss is predicted before anything is measured; the ratio is predicted over realised. A cell holds when its
+coverage, or this ratio, is as docs/uncertainty.md promises.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from bench.jobs.hidden.catalogue import CATALOGUE
 from bench.jobs.hidden.design import Design
 from bench.jobs.hidden.stage import SIGMA_ANGLE, SIGMA_LENGTH
 from bench.truth import Truth
-from pcalib import compensation, effects, workspace
+from pcalib import compensation, effects, planning, workspace
 from pcalib import robot as robots
 from pcalib.data.measurement import Measurements
 from pcalib.errors import PcalibError
 from pcalib.fitting import identification
 from pcalib.model import Conditions, FittedEffect, Model
 from pcalib.robot import MODELS, Robot
-from pcalib.uncertainty import acceptance, assessed, expect
+from pcalib.uncertainty import acceptance, assessed, expect, poses
 
 KINDS = ("delta", "hexa", "hexa321", "h4", "linear_delta", "hexapod", "planar")
 POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, -0.1), (0.0, 0.0, -0.3))
@@ -48,7 +49,12 @@ TARGETS = 24
 """Landings per robot."""
 BOUNDS = {"nothing": (0.93, 0.97), "hidden": (0.93, 1.0), "added": (0.92, 0.98), "accept": (0.95, 1.0)}
 """Share of landings inside u95 that each part must have."""
+PARTS = [*BOUNDS, "within"]
 WIDEST = {"nothing": 1.5, "hidden": 3.0, "added": 1.5, "accept": np.inf}
+PREDICTED = 0.1
+"""Share by which the predicted RMS miss of a plan may differ from the realised one."""
+PLANNED = (20, 40, 80)
+"""Poses of plans."""
 """Mean u95 over the radius that contains 95 % of all misses of the cell, which only an oracle knows."""
 EITHER = ("base_drift", "tracker_drift")
 """Faults that no reading tells apart. Once the effect that describes both is added, one cell judges them together: what
@@ -88,7 +94,7 @@ def trials(robots_each: int, seed: int, parts: Sequence[str]) -> Iterator[Trial]
         cells = [f"{kind} {kind_of}" for kind in KINDS for kind_of in ("pose", "position")]
         if part == "accept":
             cells = ["pose", "position"]
-        elif part != "nothing":
+        elif part not in ("nothing", "within"):
             cells = [name for name, what in CATALOGUE.items() if part == "hidden" or what.effect is not None]
         for cell in cells:
             for i in range(robots_each):
@@ -99,7 +105,7 @@ def trials(robots_each: int, seed: int, parts: Sequence[str]) -> Iterator[Trial]
 def run(trial: Trial) -> Landed | None:
     """Calibrate a robot and command it; None where the fit refuses."""
     try:
-        return {"nothing": _nothing, "accept": _accepted}.get(trial.part, _fault)(trial)
+        return {"nothing": _nothing, "accept": _accepted, "within": _planned}.get(trial.part, _fault)(trial)
     except PcalibError:
         return None
 
@@ -149,6 +155,33 @@ def _accepted(trial: Trial) -> Landed:
     within = true * rng.uniform(0.6, 1.0)
     passed = acceptance.accept(model, data, within, tool).decision is acceptance.Decision.PASS
     return Landed(trial, [true], [within if passed else np.inf], [])
+
+
+def _planned(trial: Trial) -> Landed:
+    """A robot measured as a plan says; stated is the RMS miss that the plan predicts with its longest tool."""
+    kind, reads = trial.cell.split()
+    robot = _robot(kind)
+    tools = np.array(PLANAR_POINTS if kind == "planar" else POINTS)[[0, 2]]
+    design = Design("plain", "plain", reads == "pose", points=tuple(map(tuple, tools)), check=0)
+    truth = Truth(robot, truths.draw_errors(robot, SIGMA_LENGTH, SIGMA_ANGLE, trial.seed), design.instrument())
+    if possible(robot):
+        machine = _batch(kind)
+        machine.become(truth.values)
+    else:
+        machine = truth.machine()
+    n = PLANNED[trial.seed % len(PLANNED)]
+    sigma = np.r_[np.full(3, design.sigma_pos), np.full(3, design.sigma_rot if design.rotations else np.inf)]
+    reached = poses.reach(robot, 1.0, tools[1], tools, sigma, seed=trial.seed)
+    q, t = planning.plan(
+        robot, n, tools=tools, measured=np.isfinite(sigma), seed=trial.seed, sigma_pos=design.sigma_pos,
+        sigma_rot=design.sigma_rot,
+    )  # fmt: skip
+    made = plan.Plan(Commands.of(q, t), np.full(n, -1), np.zeros(n, bool), "within")
+    data = simulate.run(truth, made, trial.seed, machine=machine).measurements
+    model = assessed(identification.fit(data, robot))
+    conditions = Conditions.of(TARGETS, tools[1])
+    miss, _ = _command(model, machine, conditions, np.random.default_rng([4, trial.seed]))
+    return Landed(trial, miss, [reached.rms[reached.counts.index(n)]] * len(miss), [])
 
 
 def _fault(trial: Trial) -> Landed:
@@ -252,6 +285,8 @@ class Cell:
     @property
     def holds(self) -> bool:
         """Whether coverage is as promised, within twice its standard error, and u95 not too large."""
+        if self.part == "within":
+            return abs(self.ratio - 1) <= PREDICTED + 2 * self.error
         low, high = BOUNDS[self.part]
         return low - 2 * self.error <= self.coverage <= high + 2 * self.error and not self.ratio > WIDEST[self.part]
 
@@ -269,6 +304,9 @@ def gather(found: Sequence[tuple[Trial, Landed | None]]) -> list[Cell]:
                 continue
             miss, stated = (np.concatenate([getattr(x, key) for x in ok]) for key in ("miss", "u95"))
             share = np.array([np.mean(np.array(x.miss) <= np.array(x.u95)) for x in ok])
+            if part == "within":
+                out.append(_predicted(name, ok, len(some)))
+                continue
             z = np.concatenate([x.z for x in ok])
             out.append(
                 Cell(
@@ -279,6 +317,20 @@ def gather(found: Sequence[tuple[Trial, Landed | None]]) -> list[Cell]:
                 )
             )  # fmt: skip
     return out
+
+
+def _predicted(name: str, ok: Sequence[Landed], count: int) -> Cell:
+    """The cell of plans: RMS misses, predicted and realised, in place of radii, and the doubt of their ratio.
+
+    Robots count alike, whatever their size: the ratio is the root of their mean (realised/predicted)².
+    """
+    square = np.array([np.mean(np.square(x.miss)) / x.u95[0] ** 2 for x in ok])
+    predicted, realised = (float(np.sqrt(np.mean(np.square(v)))) for v in ([x.u95[0] for x in ok], np.sqrt(square)))
+    doubt = float(np.std(square) / np.sqrt(len(ok)) / 2 / realised**3)
+    inside = float(np.mean([np.mean(np.array(x.miss) <= x.u95[0]) for x in ok]))
+    return Cell(
+        "within", name, len(ok), count - len(ok), inside, doubt, predicted * 1e6, realised * predicted * 1e6, np.nan
+    )
 
 
 def _judged_as(trial: Trial) -> str:
@@ -306,12 +358,12 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="two robots of each sort")
     parser.add_argument("-n", "--robots", type=int, default=75, help="robots of each sort where nothing is hidden")
-    parser.add_argument("--part", action="append", choices=list(BOUNDS), help="only this part; several times")
+    parser.add_argument("--part", action="append", choices=PARTS, help="only this part; several times")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path, help="also write the cells")
     said = parser.parse_args(arguments)
-    parts = said.part or list(BOUNDS)
+    parts = said.part or PARTS
     count = 2 if said.quick else said.robots
     todo = list(trials(count, said.seed, parts))
     answers = pool.ordered(partial(run), todo, said.workers) if said.workers > 1 else map(run, todo)

@@ -26,6 +26,13 @@ def test_robots_that_are_not_good_enough_do_not_pass(cells):
     assert cells["accept", "pose"].coverage >= 5 / 6
 
 
+def test_plans_say_beforehand_what_is_reached():
+    trials = [study.Trial("within", "delta pose", s) for s in range(6)]
+    [cell, every] = study.gather([(t, study.run(t)) for t in trials])
+    assert cell.robots == 6 and cell.refused == 0 and every.ratio == cell.ratio
+    assert abs(cell.ratio - 1) < 0.1 + 4 * cell.error < 0.6
+
+
 def test_a_cell_holds_within_its_bounds():
     def cell(coverage: float, mean: float) -> study.Cell:
         return study.Cell("nothing", "delta pose", 100, 0, coverage, 0.005, mean, 20.0, np.nan)
