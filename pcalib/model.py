@@ -44,6 +44,8 @@ class Frame:
     """(3,) [m], plate frame: the target's place beyond the stated tool point."""
     turn: np.ndarray | None = None
     """(3, 3) axes of the tracked body → plate frame; None where they are taken to be the plate's own."""
+    sigma_offset: float = 1e-2
+    """[m] 1σ of the target's place about the stated tool point, as the data tell or as is usual."""
 
     def unknowns(self, offset: bool = True) -> int:
         """Number of unknowns: translation and rotation, the target's offset, and its turn where that is unknown.
@@ -68,6 +70,7 @@ class Frame:
             self.translation + step[:3],
             self.offset + step[6:9] if n > 6 else self.offset,
             turn,
+            self.sigma_offset,
         )
 
 

@@ -56,6 +56,7 @@ def join(parts: Sequence[Measurements]) -> Measurements:
         source=" + ".join(part.source for part in parts),
         notes={},
         sigma_scale=max(part.sigma_scale for part in parts),
+        sigma_target=max(part.sigma_target for part in parts),
         rounds=sum(part.rounds for part in parts),
         correlation=None if independent else np.concatenate(correlation),
         instrument=first.instrument if all(each == told[0] for each in told) else None,

@@ -41,6 +41,12 @@ MOST_BETWEEN = 2000
 _UNIT = {"length": "mm", "angle": "deg", "mass": "kg", "temperature": "degC", "time": "s"}
 
 
+TARGET_STATED, TARGET_UNSTATED = 5e-4, 1e-2
+"""[m] 1σ of the place of a tracker's target where the file states tool points, as drawings and callipers have them, and
+where it states none: then the target sits near the plate's origin. A target that may be anywhere would take up what a
+missing effect does with the tilt of the plate, and commands would miss by that."""
+
+
 @dataclass(frozen=True, eq=False)
 class Measurements(Tabled):
     """N measured poses, SI."""
@@ -86,6 +92,8 @@ class Measurements(Tabled):
     """What the file states of the instrument beyond σ per component; `sigma` and `correlation` hold it already."""
     rounds: int = 1
     """Rounds of measuring that are joined in it: each is one more look at whether something is missing."""
+    sigma_target: float = 0.0
+    """[m] 1σ of the place of a tracker's target about the stated tool point; 0 where the file does not say."""
     sigma_scale: float = 0.0
     """1σ of the instrument's scale, as its certificate says: the relative error that all lengths share."""
     date: datetime.date | None = None
@@ -231,6 +239,11 @@ class Measurements(Tabled):
         return self.correlation * self.sigma[:, :, None] * self.sigma[:, None, :]
 
     @property
+    def target_known(self) -> float:
+        """[m] 1σ of the place of a tracker's target: as stated, or what is usual for stated tools and for none."""
+        return self.sigma_target or (TARGET_STATED if self.tool.any() else TARGET_UNSTATED)
+
+    @property
     def sigma_stated(self) -> bool:
         """Whether the file states σ of all that it measures."""
         return all(said or not seen for said, seen in zip(self.stated, self.kinds, strict=True))
@@ -273,7 +286,7 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
     options = sensed.options(table)
     plainly = {key: key for key in ("date", "rounds", "sigma_scale_ppm")}
     others = instruments.KEYS | plainly | dict.fromkeys(options, "surface_A")
-    said = cols.metadata(table, keys, ("frame", "robot", "euler"), others)
+    said = cols.metadata(table, keys | {"sigma_target": "length"}, ("frame", "robot", "euler"), others)
     frame = said.get("frame", "base")
     if frame not in FRAMES:
         raise InputError(
@@ -306,7 +319,7 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
         sigma=sigma, stated=stated, lines=table.lines, frame=str(frame), robot_name=str(said.get("robot", "")),
         actuators=names, actuator_dimension=dimension, source=table.source, notes=text,
         correlation=correlation, instrument=instrument, date=_date(table), written=written,
-        rounds=_rounds(table), sigma_scale=_sigma_scale(table),
+        rounds=_rounds(table), sigma_scale=_sigma_scale(table), sigma_target=float(said.get("sigma_target", 0.0)),
         euler=str(said.get("euler", "")),
     )  # fmt: skip
     return _with_readings(data, found, options, {key: table.metadata[key] for key in options}) if found else data
@@ -483,6 +496,8 @@ def written(data: Measurements) -> tuple[dict[str, np.ndarray | list[str]], dict
     if data.check.any():
         out["set"] = ["check" if held else "fit" for held in data.check]
     head = {"robot": data.robot_name, "frame": data.frame} if data.robot_name else {"frame": data.frame}
+    if data.sigma_target:
+        head["sigma_target_mm"] = f"{data.sigma_target * 1e3:.15g}"
     if data.sigma_scale:
         head["sigma_scale_ppm"] = f"{data.sigma_scale * 1e6:.15g}"
     if data.rounds > 1:

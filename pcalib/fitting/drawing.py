@@ -12,7 +12,7 @@ from pcalib.data.noise import Noise
 from pcalib.errors import InputError, PcalibError
 from pcalib.fitting import least_squares
 from pcalib.fitting.identifiability import PRIOR
-from pcalib.fitting.linearisation import linearise, residuals, seen_from
+from pcalib.fitting.linearisation import body_turned, linearise, residuals, seen_from
 from pcalib.fitting.minimisation import Task, minimise
 from pcalib.fitting.unknowns import Unknowns, current, unknowns_of
 from pcalib.model import Model
@@ -197,6 +197,7 @@ def _start(data: Measurements, robot: Robot) -> tuple[Model, Measurements, tuple
         InputError: too few rows are left, or a tracker's frame cannot be registered.
     """
     model = seen_from(Model.nominal(robot), data)
+    model = body_turned(model, data) or model
     at = residuals(model, data)
     reached = at[1].reached
     if reached.mean() < REACHED:

@@ -27,7 +27,7 @@ from pcalib.data.noise import Noise
 from pcalib.errors import InputError, unknown
 from pcalib.fitting import least_squares
 from pcalib.fitting.identifiability import Identifiability, analyse, priors
-from pcalib.fitting.linearisation import ROWS, evaluate, seen_from
+from pcalib.fitting.linearisation import ROWS, body_turned, evaluate, seen_from
 from pcalib.fitting.linearisation import conditions_of as conditions_of
 from pcalib.fitting.linearisation import linearise as linearise
 from pcalib.fitting.linearisation import residuals as residuals
@@ -47,6 +47,11 @@ from pcalib.robot import Robot
 
 GROSS = 0.2
 """Robust weight up to which a row is gross: Huber's loss gives it to residuals of 6.7 σ."""
+LEFT = 4.0
+"""χ² per degree of freedom from which on the axes of a tracker's body are tried as unknowns."""
+BETTER = 0.5
+"""Share of χ² that is left where they are turned. A missing effect follows loads, places or time, and a turn that is
+the same in all rows takes up little of it."""
 _ROUNDING = 1e-9
 """Share of a parameter's tolerance below which a level only seems to free it, by rounding."""
 
@@ -118,7 +123,16 @@ def fit(
         chosen = np.array([i for i, name in enumerate(unknowns.names) if name in seen.base + beside], int)
         task = replace(task, chosen=chosen, prior_scale=1.0, max_iterations=1 if method == "linear" else max_iterations)
     state = minimise(task, model, at)
-    return _conclude(task, state, data, seen or _seen(state.begun.plain[:, :-1], unknowns), expected, repeated)
+    found = _conclude(task, state, data, seen or _seen(state.begun.plain[:, :-1], unknowns), expected, repeated)
+    # A body that is turned a little against the plate looks like a robot that was put together without care.
+    if method == "map" and found.accuracy.chi2_dof > LEFT and (turned := body_turned(model, used)) is not None:
+        another = fit(
+            data, turned, level, prior_scale=prior_scale, weighted=weighted, max_iterations=max_iterations,
+            suspect=False,
+        )  # fmt: skip
+        if another.status == "converged" and another.accuracy.chi2_dof < BETTER * found.accuracy.chi2_dof:
+            return another
+    return found
 
 
 def _options(model: Model, level: str, said: Mapping[str, Any]) -> FitOptions:

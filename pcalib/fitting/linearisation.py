@@ -37,7 +37,8 @@ FEWEST_ANEW = 6
 """Fewest rows from which that is said: six positions give eighteen numbers for the six parameters of a frame."""
 TURNED = np.radians(1.0)
 """[rad] mean turn of the plate from the drawing, in a tracker's frame, from which on the tracked body's own axes are
-unknowns: the tolerances of parts turn no plate so far, and who glues a target on does not align it better."""
+unknowns from the start: the tolerances of parts turn no plate so far, and who glues a target on does not align it
+better. A smaller turn is tried where a fit without it leaves much."""
 
 
 @dataclass(frozen=True)
@@ -297,6 +298,8 @@ def seen_from(model: Model, data: Measurements) -> Model:
         model = replace(model, frame=None)
     elif model.frame is None:
         model = replace(model, frame=register(model, data))
+    if model.frame is not None:
+        model = replace(model, frame=replace(model.frame, sigma_offset=data.target_known))
     return replace(model, setup=() if data.readings is None else _setup(model, data, data.readings))
 
 
@@ -362,13 +365,29 @@ def set_up_anew(model: Model, data: Measurements) -> Model | None:
     return moved if was > MOVED and was > ANEW * now else None
 
 
-def _turn(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray | None:
+def body_turned(model: Model, data: Measurements) -> Model | None:
+    """The model with the axes of the tracked body as unknowns, at a first guess; None where they are unknowns already,
+    or where no rotation is measured in a tracker's frame."""
+    frame = model.frame
+    if data.frame != "tracker" or frame is None or frame.turn is not None:
+        return None
+    p = prediction.predict(replace(model, frame=None), data.q, conditions_of(data))
+    ok = p.status == "ok"
+    turn = _turn(frame.rotation @ p.rotation[ok], data.rotation[ok], 0.0)
+    return None if turn is None else replace(model, frame=replace(frame, turn=turn))
+
+
+def _turn(predicted: np.ndarray, measured: np.ndarray, least: float = TURNED) -> np.ndarray | None:
     """(3, 3) axes of the tracked body in the plate's where they are not the plate's own; None where they are, or where
-    no rotation is measured."""
+    no rotation is measured.
+
+    Args:
+        least: [rad] turn from which on they are not.
+    """
     given = ~np.isnan(measured).any(axis=(1, 2))
     if not given.any():
         return None
     mean = np.mean(rotation.transposed(predicted[given]) @ measured[given], axis=0)
     U, _, Vt = np.linalg.svd(mean)
     turn = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    return turn if np.linalg.norm(rotation.log(turn[None])) > TURNED else None
+    return turn if np.linalg.norm(rotation.log(turn[None])) > least else None

@@ -47,6 +47,7 @@ class Code(Enum):
     SIGMA_TOO_SMALL = "sigma_too_small"
     SIGMA_UNEVEN = "sigma_uneven"
     FAR_FROM_DRAWING = "far_from_drawing"
+    TARGET_AWAY = "target_away"
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,11 @@ import numpy as np
 from pcalib.errors import InputError, unknown
 from pcalib.fitting.identifiability import PRIOR
 from pcalib.mechanics.mechanism import Level
-from pcalib.model import FittedEffect, Model
+from pcalib.model import FittedEffect, Frame, Model
 
 EFFECT_PRIOR_WIDTH = 3.0
 """Effects are held by 3× what is usual: loose enough not to shrink what data can see."""
 _FRAME_SCALE = 1e-3
-_TARGET_PRIOR = 1e-2
-"""[m] The target's place is stated to a centimetre at worst; what of it is a gauge stays there."""
 _TURN_PRIOR = 1.0
 """[rad] Prior 1σ of the tracked body's turn about its registered value. No reading determines it in levels that leave
 rotations out; elsewhere the readings outweigh this prior by far."""
@@ -122,7 +120,7 @@ def unknowns_of(
     if flat:
         free[: n_geometry + n_effects] = np.inf
     if frame:
-        free[place : place + 3] = _TARGET_PRIOR
+        free[place : place + 3] = (model.frame or Frame()).sigma_offset
     if n_frame == 12:
         free[place + 3 : place + 6] = _TURN_PRIOR
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)

@@ -30,6 +30,9 @@ SURE = 3.3
 """Standard errors that count as more than chance: p = 0.001."""
 UNEVEN, RARE = 2.0, 1e-3
 """Warn when the residuals of one component are so many times those of another, and chance does that less often."""
+PULLED, LITTLE = 4.0, 0.02
+"""Warn of a tracker's target that readings pull so many times as far as noise does, and no less than this share of its
+prior σ: a smaller share cannot be told from rounding."""
 _MOST = 8
 """Line numbers that a warning spells out."""
 
@@ -217,6 +220,26 @@ def _far_from_drawing(fit: Fit) -> Iterator[str]:
         yield f"far from the drawing: {value.sentence()}"
 
 
+def _target_away(fit: Fit) -> Iterator[str]:
+    """The place of a tracker's target where readings pull it from what the file says by more than chance.
+
+    An estimate that a prior of variance p holds, and that has variance v with the readings, scatters by √(p − v).
+    """
+    frame, unknowns = fit.candidate.frame, fit.unknowns
+    if frame is None or not unknowns.n_frame:
+        return
+    place = slice(unknowns.n_geometry + unknowns.n_effects + 6, unknowns.n_geometry + unknowns.n_effects + 9)
+    prior = frame.sigma_offset**2
+    told = np.sqrt(np.maximum(prior - np.diag(fit.covariance)[place], LITTLE**2 * prior))
+    pull = float(np.abs(frame.offset / told).max())
+    if pull > PULLED:
+        yield (
+            f"the readings pull the tracker's target from the stated tool point by {pull:.1f}× what noise does: check "
+            f"the tool's columns (where it is known less well than to {1e3 * frame.sigma_offset:g} mm, write "
+            "'# sigma_target_mm = …' above the header), or something is missing from the model that tilts the plate"
+        )
+
+
 _CHECKS: dict[Code, Callable[[Fit], Iterator[str]]] = {
     Code.ROTATIONS_LEFT_OUT: _rotations_left_out,
     Code.FEW_DIRECTIONS: _few_directions,
@@ -235,6 +258,7 @@ _CHECKS: dict[Code, Callable[[Fit], Iterator[str]]] = {
     Code.SIGMA_TOO_SMALL: _sigma_too_small,
     Code.SIGMA_UNEVEN: _sigma_uneven,
     Code.FAR_FROM_DRAWING: _far_from_drawing,
+    Code.TARGET_AWAY: _target_away,
 }
 
 
