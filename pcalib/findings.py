@@ -296,7 +296,7 @@ def values(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
     plate = robot.mass.get("plate", 0.0)
     if plate > 0 and data.payload.max() > 50 * plate:
         heavy = f"A payload of {data.payload.max():g} kg on a plate of {plate:g} kg: is it in g?"
-        yield Finding("warning", "odd_payload", heavy)
+        yield Finding("warning", "odd_payload", heavy, "If it is, name the column payload_g.")
     turned = data.turned
     if data.frame == "base" and turned.any() and not {3, 4} & set(robot.mechanism.task):
         tilt = np.arccos(np.clip(data.rotation[turned, 2, 2], -1, 1)).max()

@@ -29,6 +29,8 @@ class Inspection:
     facts: Mapping[str, Any]
     """What the file holds, in the form of the JSON."""
     findings: tuple[Finding, ...]
+    absurd: bool = False
+    """Whether no calibration should be made of the file without being asked for."""
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -58,14 +60,16 @@ def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
         *findings.rotations(data),
         *findings.clock(data),
     ]
+    absurd = False
     if nominal is not None and robot is not None:
         judged = mixups.judge(data, robot)
         found += findings.against_nominal(data, nominal, judged)
+        absurd = judged.absurd
         told = None if judged.far or judged.named else forecast(data, robot)
         facts["forecast"] = told and told.to_json()
         found = findings.with_forecast(found, told)
     order = ("error", "warning", "note")
-    return Inspection(facts, tuple(sorted(found, key=lambda f: order.index(f.level))))
+    return Inspection(facts, tuple(sorted(found, key=lambda f: order.index(f.level))), absurd)
 
 
 def _median(data: Measurements, axes: slice) -> float:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from cyclopts import Parameter
 
 from pcalib.cli.frame import Reads
@@ -47,8 +49,13 @@ def allowing(effect: str, effect_files: tuple[str, ...]) -> tuple[str, ...]:
     return (*effect_files, effect) if ".py" in effect and effect not in effect_files else effect_files
 
 
-def read(model: Path, data: Path, effect_files: tuple[str, ...]) -> tuple[Model, Measurements, list[Effect]]:
+def read(
+    model: Path, data: Path, effect_files: tuple[str, ...], held_out: bool = False
+) -> tuple[Model, Measurements, list[Effect]]:
     """The model, the measurements, and the user's own effects beyond those that the model has.
+
+    Args:
+        held_out: whether a file may have only rows that are held out.
 
     Raises:
         InputError: the data cannot be compared with the model: mixed-up columns, commands that it cannot take.
@@ -59,9 +66,12 @@ def read(model: Path, data: Path, effect_files: tuple[str, ...]) -> tuple[Model,
 
     calibrated = modelfile.load(model, effect_files)
     measured = measurement.load(data, calibrated.robot)
-    sufficiency.require_rows(measured)
-    calibrated = linearisation.seen_from(calibrated, measured.take(~measured.check))
-    sufficiency.require_usable(calibrated, measured)
+    used = measured
+    if held_out and measured.check.all():
+        used = replace(measured, check=np.zeros(len(measured), bool))
+    sufficiency.require_rows(used)
+    calibrated = linearisation.seen_from(calibrated, used.take(~used.check))
+    sufficiency.require_usable(calibrated, used)
     present = {fitted.effect.name for fitted in calibrated.effects}
     own = [effects.parse(spec, calibrated.robot) for spec in effect_files]
     return calibrated, measured, [effect for effect in own if effect.name not in present]

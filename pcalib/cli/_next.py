@@ -43,7 +43,8 @@ def after_fit(found: Fit, data: Path, robot: Path, model: Path | None, chosen: S
 
 def after_model(found: Fit, data: Path, model: Path) -> None:
     """What to do with a fitted model: find what it misses, or use it."""
-    if found.accuracy.at_the_noise or found.accuracy.chi2_dof != found.accuracy.chi2_dof:
+    noise = found.accuracy.at_the_noise and not (found.data.sigma_stated and found.accuracy.more_than_chance)
+    if noise or found.accuracy.chi2_dof != found.accuracy.chi2_dof:
         to_compensate(model)
     else:
         say_next("diagnose", data, "--model", model, why="to find what the model misses")

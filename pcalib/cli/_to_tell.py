@@ -68,8 +68,9 @@ def show(found: Separation, output: Path) -> None:
     said = f"{len(found.q)} rows written to {output}."
     if not poor and not found.aliases:
         said += " They tell every visible effect from every other."
-    elif poor:
-        said += f" {len(poor)} pairs of effects are not told apart."
+    else:
+        count = len(poor) + len(found.aliases)
+        said += f" {count} pairs of effects are not told apart." if count > 1 else " One pair of effects is not."
     say(said)
     print()
     rows = [(name, f"{found.matrix[i, i]:.1f}", *_hardest(found, i)) for i, name in enumerate(found.names)]

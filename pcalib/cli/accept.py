@@ -51,7 +51,7 @@ def command(
 
     if not within[0] > 0:
         raise InputError("--within must be more than 0", remedy="say how far off landings may be, e.g. 50um")
-    calibrated, measured, _ = read(model, data, effect_file)
+    calibrated, measured, _ = read(model, data, effect_file, held_out=True)
     if tool is not None:
         require_tool(calibrated.robot, tool, "--tool")
     if not measured.check.any() and calibrated.history and calibrated.history[-1].get("data") == data.name:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli._next import say_next
+from pcalib.cli._next import say_next, to_compensate
 from pcalib.cli.frame import BesideOption, JsonOption, SeedOption, say, show_table, write_json
 
 if TYPE_CHECKING:
@@ -75,7 +75,10 @@ def command(
         lawful = bool(laws.proposals.families)
     if lawful:
         say_next("propose", data, "--model", model, "-o", "laws", *files)
-    for step in advice.advised(found, str(model)):
+    steps = advice.advised(found, str(model))
+    if found.verdict == "nothing_missing" and not any(step.words for step in steps):
+        to_compensate(model)
+    for step in steps:
         if lawful and step.words[:1] == ("effect",):
             continue
         if step.words:

@@ -45,7 +45,7 @@ def command(data: Path, /, *, robot: Path | None = None, json: JsonOption = None
         return frame.fail(f"{data}: {first.message}\n  {first.remedy}")
     if robot is None:
         say_next("inspect", data, "--robot", "robot.toml", why="to judge the values too")
-    else:
+    elif not result.absurd:
         say_next("fit", data, "--robot", robot, "-o", "model.toml")
     return frame.OK
 

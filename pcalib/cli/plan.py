@@ -45,8 +45,8 @@ def command(
     station: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
     reach: Annotated[np.ndarray | None, quantity("length", 2)] = None,
     level: str = "complete",
-    repeat: Annotated[int, Parameter(validator=Number(gte=0))] = 10,
-    check: Annotated[int, Parameter(validator=Number(gte=0))] = 10,
+    repeat: Annotated[int | None, Parameter(validator=Number(gte=0))] = None,
+    check: Annotated[int | None, Parameter(validator=Number(gte=0))] = None,
     to_tell: Annotated[tuple[str, ...] | None, Parameter(consume_multiple=True)] = None,
     payload: tuple[str, ...] = (),
     temperature: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = (),
@@ -74,8 +74,8 @@ def command(
             absent.
         reach: With ballbar: its shortest and longest length, e.g. 100,300mm.
         level: Geometry level that is to be identified.
-        repeat: How many of the poses are measured twice.
-        check: How many further poses are held out (set = check): random ones, which no fit uses.
+        repeat: How many of the poses are measured twice; 10 when absent.
+        check: How many further poses are held out (set = check): random ones, which no fit uses; 10 when absent.
         to_tell: Choose rows that tell effects apart instead: the named ones, or all that the robot can have. Rows then
             have payloads, directions, replicates and, where named, temperatures; the units of noise that separate every
             pair of effects are printed.
@@ -108,12 +108,19 @@ def command(
         from pcalib.cli import _to_tell
         from pcalib.diagnosis.separation import AtHand
 
+        for option, value in (("--repeat", repeat), ("--check", check)):
+            if value is not None:
+                raise InputError(
+                    f"{option} does not go with --to-tell, which chooses replicates itself and holds no row out",
+                    remedy=f"leave {option} out, or plan such rows by themselves: pcalib plan without --to-tell",
+                )
         masses = [float(units.parse_quantity(text, "mass", option="--payload")[0]) for text in payload]
         warm = [float(units.parse_quantity(text, "temperature", option="--temperature")[0]) for text in temperature]
         at_hand = AtHand(masses or AtHand.payloads, tools, warm)
         _to_tell.run(described, n, noise, to_tell, at_hand, level, seed, output, plot, json)
         say_next("inspect", output, "--robot", robot, why=MEASURED)
         return None
+    repeat, check = (10 if value is None else value for value in (repeat, check))
     for option, given in (("--payload", payload), ("--temperature", temperature), ("--plot", plot)):
         if given:
             raise InputError(f"{option} belongs to --to-tell", remedy="add --to-tell, or leave it out")

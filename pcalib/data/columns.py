@@ -211,8 +211,9 @@ def metadata(
         elif key not in {name for name, _ in used.values()}:
             raise error(key, unknown("metadata key", key, accepted), "a comment is a '#' line without '='")
     for quantity, (key, factor) in used.items():
+        text = table.metadata[key]
         try:
-            value = float(table.metadata[key])
+            value = float(text.replace(",", ".") if re.fullmatch(r"\d+,\d+", text) else text)
         except ValueError:
             value = np.nan
         if not SMALLEST_SIGMA <= value * factor < LARGEST:

@@ -93,7 +93,8 @@ def from_euler(sequence: str, angles: np.ndarray, source: str = "") -> np.ndarra
         raise InputError(
             f"euler = {sequence} is no order of turns",
             file=source or None,
-            remedy="write three axes: 'xyz' for turns about axes that stand still, 'ZYX' for turns about moving axes",
+            remedy="write three axes: 'xyz' for turns about axes that stand still, 'ZYX' for turns about moving axes; "
+            "roll, pitch and yaw are either of them, with rx = roll, ry = pitch, rz = yaw",
         )
     places = ["xyz".index(c) for c in axes] if len(set(axes)) == 3 else [0, 1, 2]
     out = np.broadcast_to(np.eye(3), (len(angles), 3, 3))

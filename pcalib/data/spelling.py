@@ -31,6 +31,13 @@ _OTHERS = {"x": "x_mm", "y": "y_mm", "z": "z_mm", "rx": "rx_deg", "ry": "ry_deg"
 }  # fmt: skip
 _ANGLES = {"a", "b", "c", "roll", "pitch", "yaw"}
 """Names of Euler angles: turns about z, y and x in this order."""
+_STEMS = {
+    "tool": re.compile(r"(?:tool|tcp|wz|werkzeug)[ _]?([xyz])", re.IGNORECASE),
+    "payload": re.compile(r"(?:pay)?load|nutz?last|last|mass|masse", re.IGNORECASE),
+    "pose_id": re.compile(r"pose|pose[ _]?(?:id|no|nr)|point|punkt", re.IGNORECASE),
+    "set": re.compile(r"satz|subset|split|usage", re.IGNORECASE),
+}
+"""What other programs, English and German, call columns of docs/files.md, without the unit."""
 
 
 def read(path: str | Path) -> Table:
@@ -59,11 +66,27 @@ def require_commands(table: Table) -> None:
     """
     joints = [name for name in table.columns if _DRIVE_WITH_UNIT.fullmatch(name)]
     if joints and not any(map(_COMMAND.fullmatch, table.columns)):
-        line = ",".join(_DRIVE_WITH_UNIT.sub(r"q\1_\2", name) for name in table.columns)
+        line = ",".join(_DRIVE_WITH_UNIT.sub(r"q\1_\2", _ours(name)) for name in table.columns)
+        angles = any(units.split(name)[0].lower() in _ANGLES for name in table.columns)
         raise table.error(
             f"no column holds the commands q1, q2, …, and {', '.join(joints)} look like them",
-            remedy=f"if they are, write this line above the header: # columns = {line}",
+            remedy=f"if they are, write this line above the header: # columns = {line}{_EULER * angles}",
         )
+
+
+_EULER = "; A, B, C and roll, pitch, yaw are Euler angles: write '# euler = ZYX' too"
+
+
+def _ours(name: str) -> str:
+    """The name of docs/files.md that a name with a unit seems to mean; else the name as it is."""
+    stem, unit = units.split(name)
+    ending = name[len(stem) :] if unit else ""
+    if stem.lower() in _ANGLES:
+        return _OTHERS[stem.lower()].removesuffix("_deg") + ending
+    for own, pattern in _STEMS.items():
+        if found := pattern.fullmatch(stem):
+            return own + "".join(f"_{axis.lower()}" for axis in found.groups()) + ending
+    return name
 
 
 def _plain(name: str) -> str:
@@ -103,9 +126,8 @@ def _refuse(table: Table) -> NoReturn:
             quaternion = _QUATERNION.fullmatch(name)
             names.append(f"q{quaternion.group(1).lower()}" if quaternion else _OTHERS.get(bare, name))
             angles = angles or bare in _ANGLES
-    euler = "; A, B, C and roll, pitch, yaw are Euler angles: write '# euler = ZYX' too" if angles else ""
     raise table.error(
         f"columns are named {', '.join(list(table.columns)[:6])} …, without units",
         remedy=f"if commands and rotations are in degrees and positions in mm, write this line above the header: "
-        f"# columns = {','.join(names)}{euler}",
+        f"# columns = {','.join(names)}{_EULER * angles}",
     )  # fmt: skip

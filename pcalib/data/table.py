@@ -106,7 +106,9 @@ class Table:
 
     def _refuse_cell(self, name: str, row: int, cell: str, blank: bool) -> NoReturn:
         remedy = "write a plain decimal number such as -12.5"
-        if "," in cell:
+        if "," in cell and "." in cell:
+            remedy = "leave out what groups the thousands: 2448.7435, not 2.448,7435"
+        elif "," in cell:
             remedy = "write decimals with a point, not a comma"
         elif blank:
             remedy += ", or leave the field blank where nothing was measured"

@@ -83,6 +83,12 @@ class Accuracy:
         return bool(np.sqrt(self.chi2_dof) < 1 + max(3 / np.sqrt(2 * max(self.dof, 1)), 0.05))
 
 
+    @property
+    def more_than_chance(self) -> bool:
+        """Whether such residuals are more than noise of the given σ leaves in 19 of 20 fits, be it ever so little."""
+        return bool((np.sqrt(self.chi2_dof) - 1) * np.sqrt(2 * max(self.dof, 1)) > 1.645)
+
+
 def accuracy(error: np.ndarray, noise: Noise, parameters: float) -> Accuracy:
     """RMS and maximum of residuals (N, 6) [m, rad], and χ² per degree of freedom of those that `noise` is of."""
     some = ~np.isnan(error[:, :3]).all(axis=1)

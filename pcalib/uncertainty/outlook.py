@@ -13,6 +13,7 @@ from pcalib.errors import PcalibError
 from pcalib.ladder import tool_label
 from pcalib.model import Conditions, Model
 from pcalib.uncertainty import radius
+from pcalib.uncertainty.discrepancy import FEWEST_HELD_OUT
 from pcalib.uncertainty.propagation import COMPONENTS, Expected, expect, require_known, taught
 from pcalib.unexplained import DIRECTION, TEMPERATURE, Unexplained
 from pcalib.wording import figure, size
@@ -144,7 +145,7 @@ def _judged(kept: Unexplained) -> str:
         return f"{kept.inside} of {kept.rows} held-out rows lie inside of what was predicted for them"
     return (
         f"{kept.inside} of {kept.rows} rows lie inside of what fits without them predict, and too few are held out "
-        "(set = check) to confirm it"
+        f"(set = check) to confirm it: that takes {FEWEST_HELD_OUT}"
     )
 
 
