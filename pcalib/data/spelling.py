@@ -33,7 +33,6 @@ _ANGLES = {"a", "b", "c", "roll", "pitch", "yaw"}
 """Names of Euler angles: turns about z, y and x in this order."""
 _STEMS = {
     "tool": re.compile(r"(?:tool|tcp|wz|werkzeug)[ _]?([xyz])", re.IGNORECASE),
-    "payload": re.compile(r"(?:pay)?load|nutz?last|last|mass|masse", re.IGNORECASE),
     "pose_id": re.compile(r"pose|pose[ _]?(?:id|no|nr)|point|punkt", re.IGNORECASE),
     "set": re.compile(r"satz|subset|split|usage", re.IGNORECASE),
 }

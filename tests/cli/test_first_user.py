@@ -187,3 +187,49 @@ def test_a_gross_row_in_a_robust_fit_does_not_widen_what_to_expect(data, delta, 
     plain = outlook(assessed(identification.fit(replace(data, position=position), delta)))
     assert robust.taught == pytest.approx(right.taught, rel=0.25)
     assert plain.taught > 3 * right.taught
+
+
+def test_a_file_of_held_out_rows_alone_is_accepted(data, run):
+    measurement.save("all.csv", data)
+    measurement.save("held.csv", replace(data, check=np.ones(len(data), bool)))
+    assert run("fit all.csv --robot delta.toml -o m.toml")[0] == 0
+    code, said = run("accept held.csv --model m.toml --within 500um")
+    assert code == 0 and said.startswith("Pass") and "No row is held out" not in said
+
+
+def test_what_groups_thousands_is_said_to_be_in_the_way(data, run, tmp_path):
+    measurement.save("d.csv", data)
+    text = (tmp_path / "d.csv").read_text().replace(",", ";").replace(".", ",")
+    lines = text.splitlines()
+    lines[-1] = "2.400,5;" + lines[-1].partition(";")[2]
+    (tmp_path / "d.csv").write_text("\n".join(lines) + "\n")
+    code, said = run("inspect d.csv --robot delta.toml")
+    assert code == 2 and "leave out what groups the thousands" in said
+    metadata = [line for line in text.splitlines() if line.startswith("#") and "sigma" not in line]
+    rows = [line for line in text.splitlines() if not line.startswith("#")]
+    (tmp_path / "d.csv").write_text("\n".join(["# sigma_pos_mm = 0,03", *metadata, *rows]) + "\n")
+    assert measurement.load("d.csv").sigma[0, 0] == pytest.approx(3e-5)
+
+
+def test_options_that_do_not_go_together_are_refused(run):
+    for option in ("--repeat", "--check"):
+        code, said = run(f"plan --to-tell --robot delta.toml -n 24 {option} 3 -o p.csv")
+        assert code == 2 and f"{option} does not go with --to-tell" in said
+
+
+def test_a_file_that_fit_refuses_is_not_sent_to_fit(data, run):
+    measurement.save("rows.csv", replace(data, q=np.roll(data.q, 1, axis=0)))
+    assert "Next: pcalib fit" not in run("inspect rows.csv --robot delta.toml")[1]
+    assert run("fit rows.csv --robot delta.toml")[0] != 0
+    measurement.save("right.csv", data)
+    assert "Next: pcalib fit" in run("inspect right.csv --robot delta.toml")[1]
+
+
+def test_small_misfits_lead_to_a_diagnosis(data, run):
+    """What is little more than the noise is more than chance, and may grow with another tool."""
+    measurement.save("right.csv", data)
+    assert "pcalib compensate" in run("fit right.csv --robot delta.toml -o m.toml")[1]
+    error = 2.0e-5 * np.random.default_rng(5).standard_normal(data.position.shape)
+    measurement.save("more.csv", replace(data, position=data.position + 0.7 * error))
+    code, said = run("fit more.csv --robot delta.toml -o m.toml")
+    assert code == 0 and "pcalib diagnose more.csv" in said, said

@@ -79,3 +79,12 @@ def test_binary_files_are_no_text(tmp_path):
     (tmp_path / "d.csv").write_bytes(bytes(range(256)))
     with pytest.raises(InputError, match="not UTF-8"):
         spelling.read(tmp_path / "d.csv")
+
+
+def test_the_line_names_rotations_tools_and_replicates_of_other_programs(tmp_path):
+    head = "A1 [°];A2 [°];A3 [°];X [mm];Y [mm];Z [mm];Roll [°];Pitch [°];Yaw [°];WZ_X [mm];WZ_Y [mm];WZ_Z [mm];"
+    (tmp_path / "d.csv").write_text(head + "Pose;Satz\n" + ";".join(["1,5"] * 12) + ";;fit\n")
+    with pytest.raises(InputError) as caught:
+        measurement.load(tmp_path / "d.csv")
+    line = "q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,tool_x_mm,tool_y_mm,tool_z_mm,pose_id,set"
+    assert f"# columns = {line}; " in caught.value.remedy and "# euler = ZYX" in caught.value.remedy
