@@ -77,7 +77,7 @@ def outlook(model: Model, tool: np.ndarray | None = None, rivals: Sequence[Model
     )  # fmt: skip
     parts = {name: radius.pooled(values) for name, values in expected.components.items()}
     some = conditions.take(good)
-    beside = taught(model, expected, q[good], some)
+    beside = taught(model, expected, q[good], some, rivals)
     return Outlook(wanted[good], expected, radius.pooled(expected.covariance), parts, some, model, beside)
 
 

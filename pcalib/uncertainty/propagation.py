@@ -124,21 +124,33 @@ def base_is_unknown(model: Model) -> bool:
     return model.frame is not None or bool(model.setup)
 
 
-def taught(model: Model, expected: Expected, q: np.ndarray, conditions: Conditions) -> float | None:
+def taught(
+    model: Model, expected: Expected, q: np.ndarray, conditions: Conditions, rivals: Sequence[Model] | None = None
+) -> float | None:
     """[m] radius that contains 95 % of landings once a rigid motion of all is allowed for; None where readings say
-    where the base stands, or where there are too few landings to fit a frame to."""
+    where the base stands, or where there are too few landings to fit a frame to.
+
+    Args:
+        rivals: as of :func:`expect`.
+    """
     rows = np.flatnonzero(np.isfinite(expected.covariance).all(axis=(1, 2)))
     if not base_is_unknown(model) or len(rows) < FEWEST_TAUGHT:
         return None
     rows = rows[:: -(-len(rows) // CHUNK)]
-    rest = expected.components["rivals"][rows] + expected.components["unexplained"][rows]
-    return radius.pooled(beside_a_frame(model, q[rows], conditions.take(rows)) + rest)
+    if rivals is None:
+        from pcalib.uncertainty.rivals import models
+
+        rivals = models(model)
+    rest = expected.components["unexplained"][rows]
+    return radius.pooled(beside_a_frame(model, q[rows], conditions.take(rows), rivals) + rest)
 
 
-def beside_a_frame(model: Model, q: np.ndarray, conditions: Conditions) -> np.ndarray:
-    """(N, 3, 3) [m²] covariance of the TCP by the doubt of geometry and effects, without what a rigid motion of all N
-    landings takes away: once the frame of the cell is taught with the robot itself. The model keeps a posterior."""
+def beside_a_frame(model: Model, q: np.ndarray, conditions: Conditions, rivals: Sequence[Model] = ()) -> np.ndarray:
+    """(N, 3, 3) [m²] covariance of the TCP by the doubt of geometry and effects and by the rival explanations, without
+    what a rigid motion of all N landings takes away: once the frame of the cell is taught with the robot itself. The
+    model keeps a posterior."""
     assert model.posterior is not None
+    entries = model.uncertainty.rivals if model.uncertainty is not None and rivals else ()
     bare = replace(model, frame=None)
     p = prediction.predict(bare, q, conditions)
     at, JX = prediction.closure_of(bare, p)
@@ -151,6 +163,13 @@ def beside_a_frame(model: Model, q: np.ndarray, conditions: Conditions) -> np.nd
     middle = p.position - p.position.mean(axis=0)
     rigid = np.concatenate([np.tile(np.eye(3), (len(q), 1, 1)), -rotation.hat(middle)], axis=-1).reshape(-1, 6)
     Q = np.linalg.qr(rigid)[0]
+    base, apart = _landing(bare, p), []
+    for rival, entry in zip(rivals, entries, strict=True):
+        there = prediction.predict(replace(rival, frame=None), q, conditions, p.pose)
+        apart.append(np.sqrt(float(entry["weight"])) * (_landing(rival, there) - base)[..., None])
+    if p.contribution.base is not None:
+        apart.append(np.sqrt(EITHER) * (base - p.pose.tcp(p.tool))[..., None])
+    moved = np.concatenate([moved, *apart], axis=-1)
     flat = moved.reshape(3 * len(q), -1)
     return _square((flat - Q @ (Q.T @ flat)).reshape(moved.shape))
 

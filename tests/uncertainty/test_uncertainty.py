@@ -10,7 +10,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 from pcalib.fitting import identification
 from pcalib.model import Conditions, FittedEffect, Model
-from pcalib.uncertainty import assessed, expect, maps, outlook, radius
+from pcalib.uncertainty import assessed, expect, maps, outlook, propagation, radius
 
 SOFT = "drive_compliance"
 
@@ -194,6 +194,25 @@ def test_a_rival_counts_where_it_would_land_the_tcp_elsewhere(data, delta):
     assert np.allclose(found.components["rivals"], 0.5 * apart[:, :, None] * apart[:, None, :], rtol=1e-3, atol=1e-18)
     more = found.covariance - expect(model, q, conditions).covariance
     assert np.allclose(more, found.components["rivals"], rtol=1e-2)
+
+
+def test_a_rival_that_only_stands_elsewhere_counts_nothing_once_the_frame_is_taught(data, delta):
+    """What moves all landings alike is taught away; what bends them apart is not."""
+    seen = replace(data, frame="tracker", position=data.position + [2.0, 1.0, 0.5])
+    model = assessed(identification.fit(seen, delta))
+    mechanism = delta.mechanism
+    lifted, longer = np.zeros((2, len(mechanism.nominal)))
+    lifted[[mechanism.index(f"p{i}.z") for i in (1, 2, 3)]] = 1e-3
+    longer[mechanism.index("l11")] = 1e-3
+    conditions = Conditions.of(60, np.array([0.0, 0.0, -0.3]))
+    q = workspace.reachable(delta, 60, np.random.default_rng(3)).q
+    radii = []
+    for change in (None, lifted, longer):
+        shifted = [] if change is None else [model.with_geometry(model.k + change)]
+        other = tuple(modelfile.snapshot(each, "rival", weight=0.5) for each in shifted)
+        torn = replace(model, uncertainty=replace(model.uncertainty, rivals=other))
+        radii.append(propagation.taught(torn, expect(torn, q, conditions), q, conditions))
+    assert radii[1] == pytest.approx(radii[0], rel=1e-3) and radii[2] > 3 * radii[0]
 
 
 def test_adding_an_effect_keeps_the_explanations_that_stand_beside_it(truth, data, delta):
