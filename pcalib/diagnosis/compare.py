@@ -150,7 +150,7 @@ def noise_of(made: Problem, data: Measurements) -> np.ndarray:
     """(N, 6) [m, rad] 1σ of every reading at the noise level of a problem, with joints and lever on average."""
     level = made.noise
     sigma = data.sigma * np.repeat(level.ratio, 3)
-    if level.sigma_q or level.lever:
+    if level.joints or level.lever:
         mean = np.array([level.sigma_pos, level.sigma_rot]) ** 2
         plain = np.array([np.mean(sigma[:, :3] ** 2), np.mean(sigma[:, 3:] ** 2)])
         more = np.nan_to_num(np.maximum(mean - plain, 0.0))

@@ -249,7 +249,7 @@ class _Instrument:
         share = np.mean(data.mask, axis=0)
         usual = share > min(0.5, 0.9 * share.max())
         typical = [float(np.median(data.sigma[data.mask[:, c], c])) if usual[c] else np.inf for c in range(6)]
-        return cls((np.array(typical) * ratio)[None], made.noise.sigma_q, made.noise.lever)
+        return cls((np.array(typical) * ratio)[None], made.noise.joints, made.noise.lever)
 
     def like(self, data: Measurements, rows: np.ndarray) -> _Instrument:
         """The instrument of rows that are read as some rows (n,) of the data are, where sensors read them."""

@@ -253,7 +253,9 @@ def _shaped(made: Problem) -> Problem:
         by_pose = {i + first for i, p in enumerate(made.patterns) if p.variable in BY_POSE}
         slow = joint_span(made.nuisance, [g for i, g in enumerate(made.groups) if i not in by_pose])
     U = span(made.nuisance, NUISANCE)
-    memory = made.noise.memory or memories.memory(made.data, made.y, U, slow, made.row, made.component)
+    memory = made.noise.memory or memories.memory(
+        made.data, made.y, U, slow, made.row, made.component, made.noise.excess
+    )
     if memory is None:
         return made
     serial = tuple(memory.whitener(made.data))
@@ -354,14 +356,17 @@ def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
     luck = _luck(made) * (1 - Q.shape[1] / len(made.y))
     enough = noises.ENOUGH_REST if repeated is None else noises.ENOUGH_BESIDE
     joints = repeated is None or repeated.sigma_q > 0
-    rest = noises.from_rest(made.data, blocks, _scatter(Q, made), luck, enough, joints)
-    if repeated is not None:
-        level = noises.pooled(repeated, rest)
-        if level.pooled or rest is None or repeated.sigma_q:
-            return level
-        with_joints = noises.from_rest(made.data, blocks, _scatter(Q, made), luck, enough)
-        return replace(level, repeatable=with_joints.sigma_q if with_joints else 0.0)
-    return rest or noises.as_stated(made.data)
+    Q = _scatter(Q, made)
+    rest = noises.from_rest(made.data, blocks, Q, luck, enough, joints)
+    if repeated is None:
+        level = rest or noises.as_stated(made.data)
+    else:
+        level = replace(noises.pooled(repeated, rest), excess=noises.excess(repeated, rest))
+        if rest is not None and not level.pooled and not repeated.sigma_q:
+            with_joints = noises.from_rest(made.data, blocks, Q, luck, enough)
+            level = replace(level, repeatable=with_joints.sigma_q if with_joints else 0.0)
+    usual = noises.STEPS[made.point.situation.robot.mechanism.actuator_dimension]
+    return noises.with_steps(level, blocks, Q, luck, usual)
 
 
 def _luck(made: Problem) -> float:

@@ -31,6 +31,7 @@ def noise_json(level: NoiseLevel) -> dict[str, Any]:
         "sigma_pos_um": _micro(level.sigma_pos),
         "sigma_rot_urad": _micro(level.sigma_rot),
         "sigma_joint_urad": _micro(level.sigma_q),
+        "encoder_steps_urad": _micro(level.steps),
         "ratio_to_stated": [float(r) for r in level.ratio],
         "dof": [float(d) if np.isfinite(d) else None for d in level.dof],
     }

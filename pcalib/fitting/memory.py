@@ -85,8 +85,9 @@ def unordered(data: Measurements) -> bool:
 
 
 def memory(
-    data: Measurements, y: np.ndarray, U: np.ndarray, Q: np.ndarray, row: np.ndarray, component: np.ndarray
-) -> Memory | None:
+    data: Measurements, y: np.ndarray, U: np.ndarray, Q: np.ndarray, row: np.ndarray, component: np.ndarray,
+    excess: float = 0.0,
+) -> Memory | None:  # fmt: skip
     """The correlation of what is left over; None where it is no more than chance gives.
 
     Args:
@@ -94,12 +95,15 @@ def memory(
         U: (M, r) orthonormal basis of what the model has.
         Q: (M, d) orthonormal basis of that and of all slow things that may be missing.
         row, component: (M,) of each reading.
+        excess: by how much what is left outside Q scatters more than replicates, in standard errors: replicates that
+            follow on each other share what is correlated.
     """
     time = time_of(data)
     spacing = float(np.median(np.diff(np.sort(time))))
     if spacing <= 0 or len(y) - Q.shape[1] < 30:
         return None
-    if not _correlated(y, U, Q, time / spacing, np.stack([row, component]), data):
+    more = excess if close(data) else -np.inf
+    if not _correlated(y, U, Q, time / spacing, np.stack([row, component]), data, more):
         return None
     # What depends on the pose is correlated too where commands follow a path: it is allowed for with the rest.
     basis = U if unordered(data) else Q
@@ -112,13 +116,14 @@ def memory(
 
 
 def _correlated(
-    y: np.ndarray, U: np.ndarray, Q: np.ndarray, time: np.ndarray, where: np.ndarray, data: Measurements
+    y: np.ndarray, U: np.ndarray, Q: np.ndarray, time: np.ndarray, where: np.ndarray, data: Measurements, more: float
 ) -> bool:
     """Whether residuals are correlated in time, positions and rotations taken together.
 
     Args:
         time: (N,) in rows.
         where: (2, M) row and component of each reading.
+        more: standard errors by which replicates speak for it too; −inf where they say nothing.
     """
     pose = np.unique(np.round(data.q, 9), axis=0, return_inverse=True)[1].ravel()
     for rows in TIMES:
@@ -128,7 +133,7 @@ def _correlated(
             some = [_standing_out(rest, basis, time / rows, pose, where, half) for half in range(2)]
             known = [value for value in some if value is not None]
             z.append(sum(known) / np.sqrt(max(len(known), 1)))
-        if z[0] > SURE and z[1] > SOME:
+        if z[0] > SURE and max(z[1], (z[1] + more) / np.sqrt(2)) > SOME:
             return True
     return False
 

@@ -60,6 +60,8 @@ class NoiseLevel:
     lever: float = 0.0
     """[rad] 1σ of the part of the rotation's noise that also moves the measured point, about the plate's origin; 0
     where it is not seen."""
+    steps: float = 0.0
+    """[rad or m] 1σ of the errors that the steps of encoders leave, which repeat and are counted with the noise."""
     repeatable: float = 0.0
     """[rad or m] errors of the joints that what is left over shows and replicates do not: they repeat, so they are no
     noise."""
@@ -67,6 +69,10 @@ class NoiseLevel:
     """Its correlation in time, where there is one."""
     close: bool = False
     """Replicates lie too close in time to stand for correlated noise."""
+    excess: float = 0.0
+    """By how much what lies outside every effect and pattern scatters more than replicates, in standard errors."""
+    from_rest: float = 0.0
+    """Share of it, where it is pooled, that comes from what lies outside every effect and pattern."""
     pooled: bool = False
     """What lies outside every effect and pattern agrees with the replicates, and is counted in."""
 
@@ -74,6 +80,11 @@ class NoiseLevel:
     def total(self) -> tuple[float, float]:
         """[m, rad] RMS noise per component of positions and of rotations; NaN where a class is not measured."""
         return self.sigma_pos, self.sigma_rot
+
+    @property
+    def joints(self) -> float:
+        """[rad or m] 1σ of all errors of the drives that are counted with the noise."""
+        return float(np.hypot(self.sigma_q, self.steps))
 
     @property
     def verified(self) -> bool:
@@ -142,6 +153,11 @@ class Blocks:
             units.append(float(1.0 / size) if size > 0 else 1.0)
             out.append(units[-1] * columns)
         return out, np.array(units)
+
+    def per_joint(self) -> np.ndarray:
+        """(2,) noise variance of positions and rotations, on average over the readings, per rad² or m² of joints."""
+        square = np.sum(self.joint**2, axis=-1) * self.measured
+        return np.array([square[:, p].sum() / max(self.measured[:, p].sum(), 1) for p in (slice(0, 3), slice(3, 6))])
 
     def components(self) -> np.ndarray:
         """(3 or 4, N, 6, 6) S_pos, S_rot, G·Gᵀ and L·Lᵀ: derivative of each pose's covariance by the variances."""
@@ -229,6 +245,12 @@ def from_rest(
         joints: whether joint repeatability may be part of it. Where replicates show none, errors of the joints repeat
             and are no noise.
     """
+    B, b, dof = _left_over(blocks, Q, luck)
+    return _solve("residuals", data, blocks, lambda theta: (B, b), dof, enough, joints)
+
+
+def _left_over(blocks: Blocks, Q: np.ndarray, luck: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Normal equations B·θ = b of MINQUE outside Q, and the degrees of freedom (2,) of either class there."""
     S = blocks.components()
     flat = Q.reshape(Q.shape[0] * Q.shape[1], Q.shape[-1])  # a level that frees nothing has no columns
     rest = blocks.y - (flat @ (flat.T @ blocks.y.ravel())).reshape(blocks.y.shape)
@@ -241,8 +263,43 @@ def from_rest(
     b = np.array([np.einsum("ni,nij,nj->", rest, part, rest) for part in S])
     dof = np.array([np.sum(np.trace(S[k], axis1=1, axis2=2)) - np.trace(QSQ[k]) for k in range(2)])
     b *= 1 + luck / max(dof.sum() - luck, 1.0)
+    return B, b, dof
 
-    return _solve("residuals", data, blocks, lambda theta: (B, b), dof, enough, joints)
+
+STEPS = {"angle": 2 * np.pi / 2**18 / np.sqrt(12), "length": 5e-6 / np.sqrt(12)}
+"""[rad, m] 1σ of the errors that the steps of usual encoders leave: 18 bits, and scales of 5 µm. Replicates do not show
+them, and 120 rows of a tracker know them to about as much."""
+FINEST = 1.5
+"""Largest share of the usual steps that is counted with the noise. What repeats and is larger is missing physics."""
+
+
+def with_steps(level: NoiseLevel, blocks: Blocks, Q: np.ndarray, luck: float, usual: float) -> NoiseLevel:
+    """The level with what the steps of encoders add where they are as the data and usual encoders have them.
+
+    The variance is the mean of what is left over, as MINQUE has it, and of the usual one, each weighed by its doubt;
+    that of the usual one is as large as itself. Where replicates show that joints repeat worse, steps are part of that.
+
+    Args:
+        Q: (N, 6, d) as in :func:`from_rest`.
+        usual: [rad or m] 1σ of usual steps, of :data:`STEPS`.
+    """
+    if level.sigma_q or level.source == "stated":
+        return level
+    B, b, dof = _left_over(blocks, Q, luck)
+    known = np.array([*np.flatnonzero(dof >= ENOUGH_BESIDE), 2])
+    value, weight = usual**2, 0.0
+    share = blocks.per_joint()
+    if len(known) > 1:
+        theta, doubt = np.linalg.lstsq(B[np.ix_(known, known)], b[known], rcond=None)[0], np.linalg.pinv(B)
+        unit = blocks.scaled()[1][0] ** 2
+        sigma = np.sqrt(2 * doubt[2, 2]) * unit * float(np.mean(level.ratio**2))
+        weight = usual**4 / (usual**4 + sigma**2)
+        value = weight * theta[-1] * unit + (1 - weight) * usual**2
+    steps2 = float(np.clip(value, 0.0, (FINEST * usual) ** 2))
+    # What is left over holds them already; replicates and stated σ do not.
+    held = (1.0 if level.source == "residuals" else level.from_rest) * np.isfinite(level.dof)
+    ratio = np.sqrt(np.maximum(level.ratio**2 - held * steps2 * share, 0.25 * level.ratio**2))
+    return replace(level, ratio=ratio, steps=float(np.sqrt(steps2)))
 
 
 def reshaped(
@@ -259,6 +316,7 @@ def reshaped(
     """
     out = replace(
         level, ratio=level.ratio * ratio, sigma_q=level.sigma_q * float(np.mean(ratio)), memory=memory,
+        steps=level.steps * float(np.mean(ratio)),
         lever=level.lever * float(np.mean(ratio)),
         sigma_pos=level.sigma_pos * ratio[0], sigma_rot=level.sigma_rot * ratio[1], pooled=True,
         dof=level.dof if rest is None else rest.dof,
@@ -266,6 +324,16 @@ def reshaped(
     group, time = replicates.groups(data), time_of(data)
     apart = [np.ptp(time[group == g]) for g in range(int(group.max(initial=-1)) + 1)]
     return replace(out, close=bool(apart) and float(np.median(apart)) < 2 * memory.tau)
+
+
+def excess(repeated: NoiseLevel, rest: NoiseLevel | None) -> float:
+    """By how much what is left over scatters more than replicates, in standard errors: ln F has the variance
+    2/ν₁ + 2/ν₂, and positions and rotations count alike."""
+    if rest is None:
+        return 0.0
+    classes = zip(repeated.total, rest.total, repeated.dof, rest.dof, strict=True)
+    z = [2 * np.log(b / a) / np.sqrt(2 / m + 2 / n) for a, b, m, n in classes if np.isfinite(m) and np.isfinite(n)]
+    return float(np.sum(z) / np.sqrt(max(len(z), 1)))
 
 
 AGREE = 0.01
@@ -308,8 +376,9 @@ def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
         for x, y, a, b in zip(repeated.total, rest.total, *weights, strict=True)
     )
     return replace(
-        repeated, ratio=ratio, dof=dof, sigma_q=sigma_q, lever=lever, sigma_pos=pos, sigma_rot=rot, pooled=True
-    )
+        repeated, ratio=ratio, dof=dof, sigma_q=sigma_q, lever=lever, sigma_pos=pos, sigma_rot=rot, pooled=True,
+        from_rest=float(weights[1].sum() / max(weights.sum(), 1.0)),
+    )  # fmt: skip
 
 
 def _solve(
@@ -425,7 +494,7 @@ def _level(
 def covariance(level: NoiseLevel, blocks: Blocks) -> np.ndarray:
     """(N, 6, 6) covariance of every pose's measured readings, in stated noise units; 0 where nothing is measured."""
     S, units = blocks.components(), blocks.scaled()[1]
-    further = np.array([level.sigma_q, level.lever])[: len(units)]
+    further = np.array([level.joints, level.lever])[: len(units)]
     return np.einsum("k,knij->nij", np.r_[level.ratio**2, (further / units) ** 2], S)
 
 

@@ -159,6 +159,41 @@ class TestVarianceComponents:
         assert np.mean(plain) < 0.97
         np.testing.assert_allclose(np.mean(mended), 1.0, atol=0.012)
 
+    @pytest.mark.parametrize("share", [0.0, 1.0, 10.0])
+    def test_the_steps_of_encoders_are_counted_where_the_data_know_them(self, data, share):
+        """In noise that is a twentieth of what usual steps do, the data decide; large ones are missing physics."""
+        usual = 7e-6
+        found = []
+        for s in range(20):
+            rng = np.random.default_rng(s)
+            made = blocks(rng)
+            size = 20 / np.sqrt(np.mean(made.per_joint()))
+            joint = made.joint * size / usual  # of the usual steps: twenty times the noise
+            off = share * usual * np.einsum("nij,nj->ni", joint, rng.standard_normal((N, joint.shape[-1])))
+            made = replace(made, joint=joint, y=made.y + off * made.measured)
+            level = replace(noises.as_stated(data), source="residuals", dof=np.full(2, 100.0))
+            found.append(noises.with_steps(level, made, np.zeros((N, 6, 0)), 0.0, usual).steps / usual)
+        assert np.mean(found) == pytest.approx(min(share, noises.FINEST), abs=0.15)
+
+    def test_steps_are_the_usual_ones_where_the_data_do_not_know_them(self, data):
+        made = blocks(np.random.default_rng(0))
+        small = 0.02 / np.sqrt(np.mean(made.per_joint()))
+        level = replace(noises.as_stated(data), source="residuals", dof=np.full(2, 100.0))
+        got = noises.with_steps(level, made, np.zeros((N, 6, 0)), 0.0, small)
+        assert got.steps == pytest.approx(small, rel=0.05) and got.ratio == pytest.approx(np.ones(2), abs=1e-3)
+        assert noises.with_steps(replace(level, sigma_q=1e-5), made, np.zeros((N, 6, 0)), 0.0, small).steps == 0
+
+    def test_by_how_much_the_rest_exceeds_replicates(self):
+        few = noises.NoiseLevel("replicates", np.ones(2), np.full(2, 50.0), 0.0, 1e-5, 1e-5, (True, True))
+        more = replace(few, source="residuals", sigma_pos=1.2e-5, sigma_rot=1.2e-5)
+        assert noises.excess(few, more) == pytest.approx(np.sqrt(2) * np.log(1.44) / np.sqrt(0.08))
+        assert noises.excess(few, few) == noises.excess(few, None) == 0.0
+        rng = np.random.default_rng(0)  # a standard normal variable where both are of one noise
+        a, b = (np.sqrt(rng.chisquare(50, 2000) / 50) for _ in range(2))
+        levels = [[replace(few, sigma_pos=x, sigma_rot=x) for x in one] for one in (a, b)]
+        z = [noises.excess(one, other) for one, other in zip(*levels, strict=True)]
+        assert np.std(z) / np.sqrt(2) == pytest.approx(1.0, abs=0.08)
+
     def test_whitening(self):
         rng = np.random.default_rng(0)
         made = blocks(rng)
