@@ -14,7 +14,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from pcalib.cli._inputs import EffectFiles, ModelOption
-from pcalib.cli._next import MEASURED, say_next
+from pcalib.cli._next import MEASURED, say_next, to_compensate
 from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import JsonOption, OutputOption, SeedOption, say, show_table, write_json
 
@@ -95,6 +95,13 @@ def command(
         say(f"The same in all rows: {', '.join(alike)}.")
     if output is not None:
         say(f"{len(found.q)} rows written to {output}.")
+    either = next((name for side in without for name in side.split("+") if name != "nothing"), None)
+    if found.hopeless and "nothing" in without:
+        to_compensate(model)
+    elif found.hopeless and either is not None:
+        why = "to take one of the two, as both lead to the same commands"
+        say_next("add", either, data, "--model", model, why=why)
+    elif output is not None:
         say_next("join", data, output, "-o", "all.csv", why=MEASURED)
     return None
 

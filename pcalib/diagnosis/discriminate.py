@@ -90,6 +90,11 @@ class Plan:
         short = max(ENOUGH**2 - self.before**2, 0.0)
         return short / growth if growth > 1e-12 else np.inf if short else 0.0
 
+    @property
+    def hopeless(self) -> bool:
+        """Whether no sensible number of such rows tells the two apart."""
+        return self.before < ENOUGH and self.enough is None and self.needed > SENSIBLE
+
     def sentence(self) -> str:
         """What the rows bring, in words."""
         a, b = self.between
@@ -105,7 +110,7 @@ class Plan:
         text += f". {ENOUGH:.0f} are needed"
         if self.enough is not None:
             return f"{text}: the first {self.enough} should do."
-        if self.needed <= SENSIBLE:
+        if not self.hopeless:
             rows = f"{float(f'{self.needed:.2g}'):.0f}"
             return f"{text}: about {rows} such rows, or fewer with a larger payload or a longer tool."
         alone = next((name for name in self.between if "nothing" in self.between and name != "nothing"), "")

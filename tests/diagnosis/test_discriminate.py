@@ -171,6 +171,7 @@ def test_rivals_that_nothing_tells_apart_are_one(measured, robot):
     found = plan(problem(model, data), pair, 6)
     assert found.needed > discriminate.SENSIBLE
     assert "no sensible number of such rows brings them. Treat the two as one" in found.sentence()
+    assert found.hopeless
     # 2 noise units and 4 more in four rows, in squares: 21 are lacking, at 3 a row.
     some = replace(found, before=2.0, after=np.sqrt([7.0, 10.0, 13.0, 16.0]))
     assert some.needed == pytest.approx(7.0) and "about 7 such rows" in some.sentence()
