@@ -68,7 +68,8 @@ def command(
              **telling.as_json(v.found)} for v in visits
         ]})  # fmt: skip
         for v in visits:
-            say(f"{v.label}, lands within {size(v.landing)} RMS: {telling.sentence(v.found)}")
+            landing = f"{size(v.landing)} RMS, noise of the instrument included"
+            say(f"{v.label}, lands within {landing}: {telling.sentence(v.found)}")
     else:
         write_json(json, telling.as_json(visits[0].found))
         _show(visits[0].found)

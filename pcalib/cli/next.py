@@ -44,7 +44,8 @@ def command(
             'pcalib changed' names them), several joined by +, or 'nothing'.
         n: How many rows to plan.
         output: Plan to write, CSV: to be measured, or given to 'pcbench simulate --plan'.
-        payload: A mass at hand, e.g. 2kg; may be given several times. Those of the data when absent.
+        payload: A mass at hand, e.g. 2kg; may be given several times. When absent, those of the data, or 0, 1 and 2 kg
+            where all rows carry the same.
         tool: A tool at hand, e.g. 0,0,-300mm; may be given several times. Those of the data when absent.
         seed: Seed of the draw of candidate poses.
     """
