@@ -22,13 +22,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SLOW = frozenset((Path(__file__).parent / "slow.txt").read_text().split())
-"""Tests that took 0.3 s and more, all their parameters together, when scripts/test --measure last ran."""
+"""Files whose fixtures are slow, and further tests that are, as scripts/test --measure found them when it last ran."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if item.nodeid.partition("[")[0] in SLOW:
+        if not SLOW.isdisjoint((item.nodeid.partition("::")[0], item.nodeid.partition("[")[0])):
             item.add_marker("slow")
 
 
