@@ -124,8 +124,7 @@ class Problem:
         memory = self.noise.memory
         serial = tuple(memory.whitener(data)) if memory else ()
         reading = Reading(stated, noises.whitener(self.noise, blocks), serial)
-        columns = np.zeros((*data.mask.shape, len(unknowns.names)))
-        columns[linear.row, linear.component] = linear.jacobian * unknowns.scale * spread(self.model, unknowns)
+        columns = linear.padded * (unknowns.scale * spread(self.model, unknowns))
         plain = replace(reading, stated=replace(stated, sigma=np.ones(stated.sigma.shape), covariance=None))
         return reading, np.nan_to_num(plain.whiten(columns))
 

@@ -68,6 +68,13 @@ class Linearisation:
         """(M, n_effects + n_frame) what is unknown beside the geometry."""
         return self.jacobian[:, self.n_geometry :]
 
+    @property
+    def padded(self) -> np.ndarray:
+        """(N, 6, n) derivatives row by row; 0 where nothing is measured."""
+        out = np.zeros((len(self.prediction.q), 6, self.jacobian.shape[1]))
+        out[self.row, self.component] = self.jacobian
+        return out
+
     def grams(self, weight: np.ndarray) -> np.ndarray:
         """JᵀwJ (6, n, n) of every component, for weights w (N,) of the rows."""
         out = np.zeros((6, self.jacobian.shape[1], self.jacobian.shape[1]))

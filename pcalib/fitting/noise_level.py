@@ -71,7 +71,7 @@ class NoiseLevel:
     """Replicates lie too close in time to stand for correlated noise."""
     excess: float = 0.0
     """By how much what lies outside every effect and pattern scatters more than replicates, in standard errors."""
-    from_rest: float = 0.0
+    rest_share: float = 0.0
     """Share of it, where it is pooled, that comes from what lies outside every effect and pattern."""
     pooled: bool = False
     """What lies outside every effect and pattern agrees with the replicates, and is counted in."""
@@ -297,7 +297,7 @@ def with_steps(level: NoiseLevel, blocks: Blocks, Q: np.ndarray, luck: float, us
         value = weight * theta[-1] * unit + (1 - weight) * usual**2
     steps2 = float(np.clip(value, 0.0, (FINEST * usual) ** 2))
     # What is left over holds them already; replicates and stated σ do not.
-    held = (1.0 if level.source == "residuals" else level.from_rest) * np.isfinite(level.dof)
+    held = (1.0 if level.source == "residuals" else level.rest_share) * np.isfinite(level.dof)
     ratio = np.sqrt(np.maximum(level.ratio**2 - held * steps2 * share, 0.25 * level.ratio**2))
     return replace(level, ratio=ratio, steps=float(np.sqrt(steps2)))
 
@@ -377,7 +377,7 @@ def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
     )
     return replace(
         repeated, ratio=ratio, dof=dof, sigma_q=sigma_q, lever=lever, sigma_pos=pos, sigma_rot=rot, pooled=True,
-        from_rest=float(weights[1].sum() / max(weights.sum(), 1.0)),
+        rest_share=float(weights[1].sum() / max(weights.sum(), 1.0)),
     )  # fmt: skip
 
 

@@ -85,7 +85,7 @@ class Accuracy:
 
     @property
     def more_than_chance(self) -> bool:
-        """Whether such residuals are more than noise of the given σ leaves in 19 of 20 fits, be it ever so little."""
+        """Whether χ² exceeds what noise of the given σ leaves in 19 of 20 fits (one-sided, p < 0.05)."""
         return bool((np.sqrt(self.chi2_dof) - 1) * np.sqrt(2 * max(self.dof, 1)) > 1.645)
 
 

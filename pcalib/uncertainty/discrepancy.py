@@ -39,8 +39,9 @@ DOUBTFUL = 0.5
 """Standard errors of χ² up to which a misfit counts as none. Noise alone exceeds it in three of ten fits, and widens
 u95 there: with nothing hidden coverage becomes 97 % (measured by scripts/uncertainty_study)."""
 ALIKE = 1.0
-"""Standard errors of what neighbouring rows share up to which it counts as none. Noise alone exceeds it in one of six
-fits, and widens u95 by a tenth there; a frame that bends unseen by χ² then leaves 93 to 95 % inside, and not 90."""
+"""Standard errors up to which what neighbouring rows share counts as nothing. Noise alone exceeds them in one of six
+fits, and widens u95 by a tenth in these. Of landings of a robot whose frame bends, 93 to 95 % then lie inside u95, and
+90 % without this comparison."""
 FEWEST_REPLICATES = 10
 """Degrees of freedom of replicates from which on their scatter, known to a quarter, may correct the stated σ."""
 FAR = 10.0
@@ -74,7 +75,7 @@ def assessed(fit: Fit) -> Model:
     shift, turn = _split(rows, lever, _half_width(model), misfit)
     envelope = Envelope.of(data.tool, data.payload, p.pose.x, data.q, data.columns)
     if not significant:
-        alike = neighbours.shared(fit, fit.noise.scaled(np.full(2, _factor(fit))), rows.usable)
+        alike = neighbours.shared(fit, rows.noise, rows.usable)
         shift = max(shift, alike.sigma) if alike.errors > ALIKE else shift
     found = Unexplained(shift, turn, 0, 0, 0, envelope)
     for some in (judged, held):
@@ -105,6 +106,8 @@ class _Rows:
     """(N, 6) bool."""
     usable: np.ndarray
     """(N,) bool: predicted, and not gross."""
+    noise: Noise
+    """As stated, or as replicates show it."""
 
     @property
     def excess(self) -> np.ndarray:
@@ -166,7 +169,7 @@ def _left_out(fit: Fit) -> _Rows:
     far = usable & (times > FAR * np.median(times[usable])) if usable.any() else ~usable
     if far.mean() > GROSS:
         far = np.zeros(n, bool)
-    return _Rows(np.where(seen, error, 0.0), covariance, seen, np.asarray(usable & ~far))
+    return _Rows(np.where(seen, error, 0.0), covariance, seen, np.asarray(usable & ~far), noise)
 
 
 def _rotations_left_out(fit: Fit, measured: np.ndarray) -> np.ndarray:
@@ -188,9 +191,7 @@ def _derivatives(fit: Fit, noise: Noise) -> Iterator[tuple[slice, np.ndarray]]:
         part = slice(start, min(start + ROWS, len(fit.data)))
         now = noise.take(part)
         linear = linearise(fit.candidate, fit.data.take(part), fit.unknowns, noise=now)
-        B = np.zeros((len(now), 6, linear.jacobian.shape[1]))
-        B[linear.row, linear.component] = linear.jacobian
-        yield part, B
+        yield part, linear.padded
 
 
 def _bounded(H: np.ndarray) -> np.ndarray:
@@ -263,7 +264,9 @@ def _scale(rows: _Rows, left: np.ndarray, some: np.ndarray) -> float:
     if n < FEWEST_HELD_OUT - 1 or not np.trace(left, axis1=1, axis2=2)[some].any():
         return 1.0
     length = np.linalg.norm(rows.error[some, :3], axis=1)
-    chosen = _Rows(rows.error[some], rows.covariance[some], rows.seen[some], rows.usable[some])
+    chosen = _Rows(
+        rows.error[some], rows.covariance[some], rows.seen[some], rows.usable[some], rows.noise.take(some)
+    )
 
     def point(scale: float) -> float:
         times = np.sort(length / radius.containing(chosen._with(scale**2 * left[some])))

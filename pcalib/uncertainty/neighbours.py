@@ -3,8 +3,8 @@
 A missing effect is a smooth function of commands, loads and tool, and noise is not: residuals z of rows that are close
 to each other go together. With K the closeness of rows, its diagonal 0, and P = I − H the covariance of the residuals
 where nothing is missing, zᵀKz has the mean tr PK and the variance 2·tr PKPK, and a misfit of covariance s²·K adds
-s²·tr PKPK to its mean (MINQUE, Rao 1971). That sees effects which are too small for χ², in which the noise of all
-readings counts.
+s²·tr PKPK to its mean (MINQUE, Rao 1971). The form zᵀKz shows effects that are too small for χ², in which the noise of
+all readings counts.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from pcalib.fitting.linearisation import linearise
 FEWEST, MOST = 20, 200
 """Rows from which on neighbours are compared, and how many are at most: the time grows with their square."""
 CLOSE = 0.35
-"""Share of the range of commands, payload and tool that makes two rows neighbours: a standard deviation of closeness. A
-few dozen rows of a random plan have some neighbours each then, and effects of loads and places are smooth over it."""
+"""Length scale of K, as a share of the range of commands, payload and tool: every row of a random plan of a few dozen
+has some neighbours within it, and effects of loads and places are smooth over it."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class Shared:
     """What neighbours share of the residuals of positions."""
 
     errors: float
-    """In standard errors of what noise makes of it; 0 where too few rows are there to say."""
+    """zᵀKz beyond its mean, in standard errors; 0 with too few rows."""
     sigma: float
-    """[m] 1σ per component of a misfit that would make it; 0 where there is none."""
+    """[m] 1σ per component of the misfit s that explains zᵀKz; 0 where zᵀKz lies below its mean."""
 
 
 def shared(fit: Fit, noise: Noise, usable: np.ndarray) -> Shared:
@@ -68,7 +68,5 @@ def _covariance(fit: Fit, rows: np.ndarray) -> np.ndarray:
     """(3n, 3n) covariance of the whitened residuals of positions at some rows (n,) where nothing is missing."""
     now = fit.noise.scaled(fit.scale.ratio).take(rows)
     linear = linearise(fit.candidate, fit.data.take(rows), fit.unknowns, noise=now)
-    B = np.zeros((len(rows), 6, linear.jacobian.shape[1]))
-    B[linear.row, linear.component] = linear.jacobian
-    B = B[:, :3].reshape(3 * len(rows), -1)
+    B = linear.padded[:, :3].reshape(3 * len(rows), -1)
     return np.eye(len(B)) - B @ fit.covariance @ B.T
