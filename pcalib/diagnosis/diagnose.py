@@ -12,7 +12,14 @@ from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy, rounds
 from pcalib.diagnosis.adequacy import AGAINST, SEARCH, Test
 from pcalib.diagnosis.candidates import Candidate, Unavailable
-from pcalib.diagnosis.explanations import World, beside_parts, explanations, nearly_all, possible
+from pcalib.diagnosis.explanations import (
+    World,
+    beside_parts,
+    explanations,
+    nearly_all,
+    possible,
+    shown_by_held_out,
+)
 from pcalib.diagnosis.held_out import HeldOut, refitted
 from pcalib.diagnosis.hypothesis import Hypothesis, Kind
 from pcalib.diagnosis.patterns import Cell, cells
@@ -155,8 +162,12 @@ def diagnose(
         sets = beside_parts(sets[0], made, n_draws, seed, levels[1])
     held = HeldOut.of(made, data)
     given = replace(_as_given(made, screen, held), spent=spent)
-    if sets and not sets[0].names and (made.outliers.too_many or given.against):
-        sets = []  # what a refit leaves of the rows to fit may look like noise, but the rest does not
+    if sets and not sets[0].names:
+        if made.outliers.too_many or given.against:
+            sets = []  # what a refit leaves of the rows to fit may look like noise, but the rest does not
+        elif held is not None:
+            world = World((), made, screen, null, widened or {})
+            sets = shown_by_held_out(world, data, held, levels[1], RARE * spent) or sets
     sets = _doubted(sets, made, screen, held, data)
     nearly = None if sets or events else nearly_all(World((), made, screen, null, widened or {}), data, held)
     hot = cells(made.patterns, len(made.candidates), screen, start.p, null)

@@ -181,6 +181,26 @@ def nearly_all(world: World, data: Measurements, held: HeldOut | None) -> Nearly
     return Nearly(best, min(taken / excess, 1.0), left, where)
 
 
+def shown_by_held_out(world: World, data: Measurements, held: HeldOut, level: float, chance: float) -> list[Explanation]:
+    """Single effects that held-out rows confirm where the rows to fit alone show no more than noise would.
+
+    `add` would find each of them confirmed, so that nothing may be said to be missing only if there are none.
+
+    Args:
+        level: at which the rows to fit speak against an effect.
+        chance: with which held-out rows may confirm a wrong effect.
+    """
+    before = refitted(world.problem.model, data, [])
+    out = []
+    for chosen in world.adequate(1, level) if before is not None else ():
+        found = _explanation(world, chosen)
+        after = refitted(world.problem.model, data, list(zip(found.members, found.theta, strict=True)))
+        change = None if after is None else held.change(before, after)
+        if change is not None and change.confirmed and change.p < chance:
+            out.append(replace(found, held_out=change, doubts=(Doubt.SMALL,)))
+    return sorted(out, key=lambda e: (bool(e.implausible), e.bic))
+
+
 def beside_parts(best: Explanation, made: Problem, n_draws: int, seed: int, level: float) -> list[Explanation]:
     """The explanation by a geometry level, and the simplest parts of the robot beyond that level each of which explains
     as much: towers that lean and one rod that is too long tilt a plate alike."""

@@ -75,6 +75,13 @@ class Change:
         return self.rows >= FEWEST and self.after < self.before and self.t > SURE
 
     @property
+    def p(self) -> float:
+        """Probability that a wrong explanation is asked for as much."""
+        from scipy.special import ndtr
+
+        return float(ndtr(-self.t))
+
+    @property
     def refuted(self) -> bool:
         """Whether χ² rose by more than chance."""
         return self.rows >= FEWEST and self.after > self.before and self.t < -SURE

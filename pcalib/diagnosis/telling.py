@@ -18,7 +18,7 @@ from pcalib.diagnosis.hypothesis import Kind
 from pcalib.diagnosis.patterns import HOT, Cell, spoken
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.steps import Step
-from pcalib.diagnosis.verdict import Against, Explanation, Nearly
+from pcalib.diagnosis.verdict import Against, Doubt, Explanation, Nearly
 from pcalib.fitting.identification import Accuracy, Fit
 from pcalib.wording import angle, capital, clipped, deviation, figure, size, small
 
@@ -202,12 +202,16 @@ def broken(made: Problem, cell: Cell) -> str:
 def details(found: Diagnosis) -> list[str]:
     """What to know beside the verdict, one sentence each."""
     out = [noise_sentence(found.problem), *looked_at(found.problem), *far_rows(found.problem), *_round(found)]
-    out += [f"Held-out poses: {_held_out(e.held_out)}." for e in found.sets if e.held_out is not None]
+    asked = [e for e in found.sets if e.held_out is not None]
+    for e in asked:
+        out.append(f"Held-out poses{f' with {_called(e, ())}' * (len(asked) > 1)}: {_held_out(e.held_out)}.")
     if found.sets and found.events:
         out.append(f"It may as well be an event: {broken(found.problem, found.events[0])}.")
     if len(found.sets) > 1:
         out += [f"{odd.effect}: its {odd.words}." for e in found.sets for odd in e.implausible]
     if found.verdict == "ambiguous" and len(found.sets) > 1:
+        if Doubt.SMALL in found.sets[0].doubts:
+            out.append(f"Held-out rows ask for it; {Doubt.SMALL}.")
         out.append("Until more is measured, any of them corrects poses like these equally well.")
     if not found.noise.verified and found.verdict in ("established", "ambiguous", "unexplained"):
         out.append("Without replicates this is a ranking rather than a proof.")
@@ -450,6 +454,8 @@ def evidence_sentence(e: Evidence) -> str:
         return f"Against {e.candidate.name}: its fitted size is physically impossible ({words})."
     if e.finding.p > HOT:
         said = f"{e.finding.s:.1f} noise units, as noise alone would give (p {p_text(e.finding.p)})"
+        if e.finding.adequate:
+            return f"Held-out poses ask for {e.candidate.name}, but the rows to fit alone hold {said}."
         return f"Nothing speaks for {e.candidate.name}: {said}."
     if e.rest_p < HOT:
         return f"{e.candidate.name} helps, and is not enough: something is left in {e.rest}."

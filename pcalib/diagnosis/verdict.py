@@ -34,6 +34,7 @@ class Doubt(StrEnum):
     FEW = "too few readings are left over to establish anything"
     LAW = "a law that is no listed effect explains these data better"
     EDGE = "a parameter lies at the edge of its physical range"
+    SMALL = "the rows to fit alone show no more of it than noise would"
 
 
 class Against(StrEnum):
@@ -151,8 +152,9 @@ def shared(sets: Sequence[Explanation]) -> tuple[str, ...]:
 
 
 def refuted(tested: Sequence[str], sets: Sequence[Explanation]) -> tuple[str, ...]:
-    """Effects that were visible and stand in no adequate set; none where nothing is missing or nothing fits."""
-    if not sets or sets[0].names == ():
+    """Effects that were visible and stand in no adequate set; none where nothing is missing or nothing fits, or where the
+    rows to fit show no more than noise."""
+    if not sets or sets[0].names == () or Doubt.SMALL in sets[0].doubts:
         return ()
     inside = {name for e in sets for name in e.names}
     return tuple(sorted(set(tested) - inside))

@@ -11,6 +11,7 @@ from bench import plan as plans
 from bench import simulate
 from bench import truth as truths
 from bench.instrument import Instrument
+from bench.jobs.diagnosis_benchmark import rows
 from pcalib import robot as robots
 from pcalib import rotation
 from pcalib.diagnosis import results, telling
@@ -18,6 +19,7 @@ from pcalib.diagnosis.compare import compare
 from pcalib.diagnosis.diagnose import Why, diagnose
 from pcalib.diagnosis.evidence import evidence
 from pcalib.diagnosis.steps import add, drop
+from pcalib.diagnosis.verdict import Doubt
 from pcalib.diagnosis.visibility import kinship, visibility
 from pcalib.effects import get, parse
 from pcalib.errors import EffectError, InputError
@@ -327,6 +329,21 @@ def test_many_gross_rows_are_set_aside_and_nothing_passes_for_right(measured):
             assert ("thermal_arms",) in names(found)
         else:
             assert found.verdict == "unexplained" and "of 120 rows are far from everything" in telling.sentence(found)
+
+
+def test_what_add_confirms_diagnose_does_not_miss():
+    """A fault of 3 noise units in the rows to fit, which held-out rows ask for: where `add` confirms it, the diagnosis
+    names it too."""
+    made = rows.replay("agreement.hidden/3#0", 0)
+    found = diagnose(made.model, made.data)
+    assert found.verdict == "ambiguous" and ("drive_compliance",) in names(found) and found.refuted == ()
+    assert all(e.held_out.confirmed and Doubt.SMALL in e.doubts for e in found.sets)
+    assert add(made.model, made.data, "drive_compliance").fell
+    assert any(line.startswith("Held-out rows ask for it; the rows to fit alone") for line in telling.details(found))
+    alone = replace(found, sets=found.sets[:1])
+    assert telling.sentence(alone).endswith("the rows to fit alone show no more of it than noise would.")
+    said = telling.evidence_sentence(evidence(made.model, made.data, "drive_compliance"))
+    assert said.startswith("Held-out poses ask for drive_compliance")
 
 
 class TestVisibility:
