@@ -181,7 +181,9 @@ def nearly_all(world: World, data: Measurements, held: HeldOut | None) -> Nearly
     return Nearly(best, min(taken / excess, 1.0), left, where)
 
 
-def shown_by_held_out(world: World, data: Measurements, held: HeldOut, level: float, chance: float) -> list[Explanation]:
+def shown_by_held_out(
+    world: World, data: Measurements, held: HeldOut, level: float, chance: float
+) -> list[Explanation]:
     """Single effects that held-out rows confirm where the rows to fit alone show no more than noise would.
 
     `add` would find each of them confirmed, so that nothing may be said to be missing only if there are none.

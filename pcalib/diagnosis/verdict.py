@@ -152,8 +152,8 @@ def shared(sets: Sequence[Explanation]) -> tuple[str, ...]:
 
 
 def refuted(tested: Sequence[str], sets: Sequence[Explanation]) -> tuple[str, ...]:
-    """Effects that were visible and stand in no adequate set; none where nothing is missing or nothing fits, or where the
-    rows to fit show no more than noise."""
+    """Effects that were visible and stand in no adequate set; none where nothing is missing or nothing fits, or where
+    the rows to fit show no more than noise."""
     if not sets or sets[0].names == () or Doubt.SMALL in sets[0].doubts:
         return ()
     inside = {name for e in sets for name in e.names}
