@@ -66,6 +66,12 @@ def _rotary(mechanism: Mechanism) -> bool:
     return mechanism.actuator_dimension == "angle"
 
 
+def _turns_arms(mechanism: Mechanism) -> bool:
+    from pcalib.effects.library import motor_axes as axes
+
+    return axes(mechanism, mechanism.nominal) is not None
+
+
 def along_arms(at: Situation) -> np.ndarray:
     """(N, m, 3) Unit vectors from the motor axis to each base-side anchor, square to the axis, base frame."""
     tangent = at.arms / np.linalg.norm(at.arms, axis=-1, keepdims=True)
@@ -102,10 +108,10 @@ CHANNELS = (
     Channel("rod", "rod lengths", "um", 1e-4, "rod", lambda at, v: Contribution(rod=v), "Contribution(rod={v})"),
     Channel("elbow", "elbows along their arm", "um", 1e-4, "arm",
             lambda at, v: Contribution(elbow=v[:, _arm(at), None] * along_arms(at)),
-            f"Contribution(elbow={{v}}[:, {ARM}, None] * along_arms(at))", _rotary),
+            f"Contribution(elbow={{v}}[:, {ARM}, None] * along_arms(at))", _turns_arms),
     Channel("elbow", "elbows along the motor axis", "um", 1e-4, "arm",
             lambda at, v: Contribution(elbow=v[:, _arm(at), None] * motor_axes(at)),
-            f"Contribution(elbow={{v}}[:, {ARM}, None] * motor_axes(at))", _rotary),
+            f"Contribution(elbow={{v}}[:, {ARM}, None] * motor_axes(at))", _turns_arms),
     Channel("plate", "plate joints along the plate's normal", "um", 1e-4, "rod",
             lambda at, v: Contribution(plate=v[..., None] * np.array([0.0, 0.0, 1.0])),
             "Contribution(plate={v}[..., None] * np.array([0.0, 0.0, 1.0]))",

@@ -35,6 +35,17 @@ def grammar(request):
     return robot, at, _every(robot, at)
 
 
+@pytest.mark.parametrize("kind", ["delta", "hexa", "hexa321", "h4", "linear_delta", "hexapod", "planar"])
+def test_every_channel_that_suits_a_robot_acts_on_it(kind):
+    """On the planar mechanism, too, whose motors turn no arms about a fixed axis."""
+    robot = robots.load(ROOT / "models" / f"{kind}.toml")
+    at = user.trial(robot, (), 20)
+    for channel in CHANNELS:
+        if channel.suits(robot.mechanism):
+            moved = channel.contribution(at, np.ones((len(at), len(channel.names(robot.mechanism)))))
+            assert moved.channels and all(np.isfinite(change).all() for _, change in moved.items()), channel.words
+
+
 def test_written_files_are_the_laws(grammar, tmp_path):
     robot, at, every = grammar
     for law in every[:: max(1, len(every) // 60)]:
