@@ -4,11 +4,12 @@ If effect A acts at its usual size and a fit uses effect B in its place, the fit
 
     Δ(A|B) = min_{k, θ_B} |E_A·θ_A − J·k − E_B·θ_B|²
 
-noise units squared (T-optimality, Atkinson & Fedorov 1975), where the geometry k is held by its manufacturing priors.
+noise units squared (T-optimality, Atkinson & Fedorov 1975). The geometry k is free, as it is to the diagnosis; only
+directions that the rows see with less than ε = 0.05 noise units per tolerance are held.
 Rows are taken one by one from a pool of reachable poses under all conditions at hand; each is the one that raises the
 poorly separated pairs most. After elimination of the geometry everything happens in a small matrix
 
-    S = EᵀE − EᵀJ·(JᵀJ + I)⁻¹·JᵀE,    Δ(A|B) = θ_Aᵀ(S_AA − S_AB·S_BB⁻¹·S_BA)θ_A
+    S = EᵀE − EᵀJ·(JᵀJ + ε²·I)⁻¹·JᵀE,    Δ(A|B) = θ_Aᵀ(S_AA − S_AB·S_BB⁻¹·S_BA)θ_A
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from pcalib import effects, planning, prediction
 from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.point import Point
+from pcalib.diagnosis.screen import NUISANCE, project_out, span
 from pcalib.errors import EffectError, InputError, unknown
 from pcalib.fitting.identifiability import priors
 from pcalib.model import Model
@@ -197,10 +199,8 @@ class _Columns:
         """S (p, p) of some rows."""
         J = self.geometry[rows].reshape(-1, self.geometry.shape[-1])
         E = self.effects[rows].reshape(-1, self.effects.shape[-1])
-        # Rows of the prior below the Jacobian make (JᵀJ + I)⁻¹ a projection: R of one QR, and no normal equations.
-        stacked = np.vstack([np.hstack([J, E]), np.hstack([np.eye(J.shape[1]), np.zeros((J.shape[1], E.shape[1]))])])
-        R = np.asarray(np.linalg.qr(stacked, mode="r"))[J.shape[1] :, J.shape[1] :]
-        return R.T @ R
+        left = project_out(E, span(J, NUISANCE))
+        return left.T @ left
 
 
 def _slices(parts: Sequence[np.ndarray]) -> tuple[slice, ...]:
@@ -235,8 +235,8 @@ def _chosen(pool: _Columns, n: int) -> list[int]:
     p = pool.effects.shape[-1]
     pairs = [(i, j) for i in range(len(pool.slices)) for j in range(len(pool.slices)) if i != j]
     J, E = pool.geometry, pool.effects
-    G = np.eye(J.shape[-1] + p)
-    G[J.shape[-1] :, J.shape[-1] :] *= 1e-9
+    G = NUISANCE**2 * np.eye(J.shape[-1] + p)
+    G[J.shape[-1] :, J.shape[-1] :] = 1e-9 * np.eye(p)
     both = np.concatenate([J, E], axis=-1)
     m = J.shape[-1]
     taken: list[int] = []
