@@ -20,8 +20,8 @@ from pcalib.diagnosis.explanations import (
     possible,
     shown_by_held_out,
 )
-from pcalib.diagnosis.held_out import HeldOut, refitted
-from pcalib.diagnosis.hypothesis import Hypothesis, Kind
+from pcalib.diagnosis.held_out import HeldOut
+from pcalib.diagnosis.hypothesis import Kind
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem, spread, unknowns_for
 from pcalib.diagnosis.screen import NUISANCE, Misfit, Screen, misfit, smallest_seen, span
@@ -237,14 +237,12 @@ def _doubted(
     if held is None:
         doubts.append(Doubt.NOTHING_HELD_OUT)
     else:
-        pairs = list(zip(best.members, best.theta, strict=True))
-        before, after = refitted(made.model, data, []), refitted(made.model, data, pairs)
-        change = held.change(before, after) if before is not None and after is not None else None
+        change = held.between(made.model, data, [], best.pairs)
         best = replace(best, held_out=change)
         if change is None or not change.confirmed:
             doubts.append(Doubt.UNCONFIRMED)
-        elif len(pairs) > 1:
-            best = replace(best, unconfirmed=_unconfirmed(pairs, after, made, held, data))
+        elif len(best.members) > 1:
+            best = replace(best, unconfirmed=_unconfirmed(best, made, held, data))
             if set(best.unconfirmed) >= set(shared(sets)):
                 doubts.append(Doubt.UNCONFIRMED)
     if made.noise.memory is not None:
@@ -258,18 +256,12 @@ def _doubted(
     return [replace(best, doubts=tuple(doubts)), *sets[1:]]
 
 
-def _unconfirmed(
-    pairs: Sequence[tuple[Hypothesis, np.ndarray]],
-    after: Model | None,
-    made: Problem,
-    held: HeldOut,
-    data: Measurements,
-) -> tuple[str, ...]:
+def _unconfirmed(best: Explanation, made: Problem, held: HeldOut, data: Measurements) -> tuple[str, ...]:
     """Members of an explanation that held-out rows do not ask for beside the others: `add` would say to drop them."""
     out = []
-    for member, _ in pairs:
-        without = refitted(made.model, data, [pair for pair in pairs if pair[0] is not member])
-        change = held.change(without, after) if without is not None and after is not None else None
+    for member in best.members:
+        without = [pair for pair in best.pairs if pair[0] is not member]
+        change = held.between(made.model, data, without, best.pairs)
         if change is None or not change.confirmed:
             out.append(member.name)
     return tuple(sorted(set(out)))

@@ -13,7 +13,7 @@ import numpy as np
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy, plausibility
 from pcalib.diagnosis.candidates import Candidate
-from pcalib.diagnosis.held_out import HeldOut, refitted
+from pcalib.diagnosis.held_out import HeldOut
 from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.problem import Problem, problem
 from pcalib.diagnosis.screen import ALIAS, NUISANCE, Screen, project_out, span
@@ -175,9 +175,7 @@ def nearly_all(world: World, data: Measurements, held: HeldOut | None) -> Nearly
     if best.implausible or left > TRACE:
         return None
     if held is not None:
-        pairs = list(zip(best.members, best.theta, strict=True))
-        before, after = refitted(made.model, data, []), refitted(made.model, data, pairs)
-        best = replace(best, held_out=held.change(before, after) if before is not None and after is not None else None)
+        best = replace(best, held_out=held.between(made.model, data, [], best.pairs))
     return Nearly(best, min(taken / excess, 1.0), left, where)
 
 
@@ -192,12 +190,10 @@ def shown_by_held_out(
         level: at which the rows to fit speak against an effect.
         chance: with which held-out rows may confirm a wrong effect.
     """
-    before = refitted(world.problem.model, data, [])
     out = []
-    for chosen in world.adequate(1, level) if before is not None else ():
+    for chosen in world.adequate(1, level):
         found = _explanation(world, chosen)
-        after = refitted(world.problem.model, data, list(zip(found.members, found.theta, strict=True)))
-        change = None if after is None else held.change(before, after)
+        change = held.between(world.problem.model, data, [], found.pairs)
         if change is not None and change.confirmed and change.p < chance:
             out.append(replace(found, held_out=change, doubts=(Doubt.SMALL,)))
     return sorted(out, key=lambda e: (bool(e.implausible), e.bic))

@@ -44,6 +44,10 @@ GROSS = 0.05
 """Share of the held-out rows that may be gross; more of them are a misfit."""
 
 
+Pairs = Sequence[tuple[Hypothesis, np.ndarray]]
+"""Hypotheses and the parameters (p,) [SI] that a fit of them starts from."""
+
+
 @dataclass(frozen=True)
 class Change:
     """Held-out rows before and after an explanation, both after a full refit."""
@@ -167,6 +171,11 @@ class HeldOut:
             by_rotations=bool(np.sum((a - b)[turned] ** 2) > np.sum((a - b)[~turned] ** 2)),
         )  # fmt: skip
 
+    def between(self, model: Model, data: Measurements, before: Pairs, after: Pairs) -> Change | None:
+        """What changes from a model refitted with some hypotheses to one with others; None where a fit fails."""
+        old, new = refitted(model, data, before), refitted(model, data, after)
+        return None if old is None or new is None else self.change(old, new)
+
     def _errors(self, change: np.ndarray, r: np.ndarray) -> float:
         """By how many standard errors a change (m,) of the prediction agrees with residuals r (m,)."""
         product = change * r
@@ -177,7 +186,7 @@ class HeldOut:
         return float(np.sum(product) / max(np.linalg.norm(change), scatter))
 
 
-def refitted(model: Model, data: Measurements, added: Sequence[tuple[Hypothesis, np.ndarray]]) -> Model | None:
+def refitted(model: Model, data: Measurements, added: Pairs) -> Model | None:
     """The model fitted to the data with hypotheses added that start at parameters θ (p,); None where that fails."""
     start, level = start_of(model, added)
     try:

@@ -109,9 +109,8 @@ def _verdict(found: Diagnosis) -> str:
     if found.verdict == "ambiguous":
         if len(found.sets) == 1 and found.established and found.sets[0].unconfirmed:
             best = found.sets[0]
-            both = list(zip(best.members, best.theta, strict=True))
-            sure = "; ".join(h.sentence(theta) for h, theta in both if h.name in found.established)
-            rest = "; ".join(h.sentence(theta) for h, theta in both if h.name not in found.established)
+            sure = "; ".join(h.sentence(theta) for h, theta in best.pairs if h.name in found.established)
+            rest = "; ".join(h.sentence(theta) for h, theta in best.pairs if h.name not in found.established)
             return f"What is missing: {sure}. Perhaps also {rest}, which held-out poses do not confirm."
         if len(found.sets) == 1:
             return f"Perhaps {found.sets[0].words()}; {', and '.join(_doubts(found.sets[0]))}."
@@ -202,9 +201,9 @@ def broken(made: Problem, cell: Cell) -> str:
 def details(found: Diagnosis) -> list[str]:
     """What to know beside the verdict, one sentence each."""
     out = [noise_sentence(found.problem), *looked_at(found.problem), *far_rows(found.problem), *_round(found)]
-    asked = [e for e in found.sets if e.held_out is not None]
-    for e in asked:
-        out.append(f"Held-out poses{f' with {_called(e, ())}' * (len(asked) > 1)}: {_held_out(e.held_out)}.")
+    asked = [(_called(e, ()), e.held_out) for e in found.sets if e.held_out is not None]
+    for name, change in asked:
+        out.append(f"Held-out poses{f' with {name}' * (len(asked) > 1)}: {_held_out(change)}.")
     if found.sets and found.events:
         out.append(f"It may as well be an event: {broken(found.problem, found.events[0])}.")
     if len(found.sets) > 1:

@@ -107,9 +107,14 @@ class Explanation:
         """How a command line names the members."""
         return tuple(h.spec for h in self.members)
 
+    @property
+    def pairs(self) -> list[tuple[Hypothesis, np.ndarray]]:
+        """Members and their parameters."""
+        return list(zip(self.members, self.theta, strict=True))
+
     def words(self) -> str:
         """Its members with their sizes."""
-        return "; ".join(h.sentence(theta) for h, theta in zip(self.members, self.theta, strict=True))
+        return "; ".join(h.sentence(theta) for h, theta in self.pairs)
 
 
 NEARLY = 0.9

@@ -55,7 +55,7 @@ def _entries(found: Diagnosis, before: Model, data: Measurements, spec: str) -> 
     for explanation, weight in shares[1 : MOST + 1]:
         if weight < LEAST:
             continue
-        model = refitted(before, data, list(zip(explanation.members, explanation.theta, strict=True)))
+        model = refitted(before, data, explanation.pairs)
         if model is not None:
             words = " + ".join(explanation.names)
             out.append(modelfile.snapshot(model, "rival", weight=weight, effect=words))
