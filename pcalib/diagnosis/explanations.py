@@ -20,7 +20,7 @@ from pcalib.diagnosis.screen import ALIAS, NUISANCE, Screen, project_out, span
 from pcalib.diagnosis.verdict import LOUD, NEARLY, TRACE, Doubt, Explanation, Nearly
 from pcalib.effects.base import Effect
 from pcalib.errors import FitError, InputError
-from pcalib.fitting import identification
+from pcalib.fitting import identification, least_squares
 from pcalib.fitting import memory as memories
 
 CLEARLY = 6.0
@@ -241,11 +241,9 @@ def within_range(made: Problem, screen: Screen, chosen: Sequence[int]) -> tuple[
     free = np.concatenate(theta)
     if np.all((free >= low) & (free <= high)):
         return theta, 0.0
-    from scipy.optimize import lsq_linear
-
     scale = np.concatenate([screen.scale[g] for g in chosen])
     F = np.hstack([screen.parts[g] for g in chosen]) * scale
-    bounded = lsq_linear(F, screen.y, (low / scale, high / scale)).x
+    bounded = least_squares.bounded(F, screen.y, low / scale, high / scale)
     rise = float(np.sum((screen.y - F @ bounded) ** 2) - np.sum((screen.y - F @ (free / scale)) ** 2))
     return np.split(bounded * scale, np.cumsum([len(t) for t in theta])[:-1]), rise
 

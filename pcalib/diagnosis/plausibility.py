@@ -102,14 +102,14 @@ def chance_of_alike(theta: np.ndarray, sigma: np.ndarray, alike: float) -> float
         theta, sigma: (p,) values and their 1σ.
         alike: 1σ by which parts differ, as a share of m.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     largest = float(np.max(np.abs(theta)))
     if largest == 0.0:
         return 1.0
     m = largest * np.concatenate([-SHARES, [0.0], SHARES])[:, None]
     variance = sigma**2 + (alike * m) ** 2 + 1e-12 * largest**2
-    return float(chi2.sf(np.min(np.sum((theta - m) ** 2 / variance, axis=1)), len(theta) - 1))
+    return float(chdtrc(len(theta) - 1, np.min(np.sum((theta - m) ** 2 / variance, axis=1))))
 
 
 def _spoken(parameter: EffectParameter) -> str:

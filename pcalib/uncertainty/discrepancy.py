@@ -25,6 +25,7 @@ import numpy as np
 from pcalib import prediction
 from pcalib.data import replicates
 from pcalib.data.noise import Noise
+from pcalib.fitting import least_squares
 from pcalib.fitting.identification import Fit
 from pcalib.fitting.linearisation import ROWS, conditions_of, linearise
 from pcalib.model import Model
@@ -249,9 +250,8 @@ def _split(rows: _Rows, lever: np.ndarray, half_width: float, misfit: np.ndarray
     if turned.any():
         shift2 = max(float(np.mean(own - turn2 * x)), 0.0) + more
     elif np.std(x) > DIFFERENT * max(half_width**2, float(x.mean())):
-        from scipy.optimize import nnls
-
-        (shift2, turn2), _ = nnls(np.stack([np.ones_like(x), x], axis=1), own + more)
+        both = np.stack([np.ones_like(x), x], axis=1)
+        shift2, turn2 = least_squares.bounded(both, own + more, np.zeros(2), np.full(2, np.inf))
     else:
         shift2 = max(float(own.mean()), 0.0) + more
         turn2 = shift2 / half_width**2

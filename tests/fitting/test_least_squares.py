@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 from pcalib.fitting import least_squares
 
@@ -30,3 +31,23 @@ def test_nothing_to_solve_for():
     rows = least_squares.triangle(np.zeros((4, 0)), np.ones(4))
     step, R = least_squares.solve(rows, np.zeros(0), np.zeros(0))
     assert len(step) == 0 and R.shape == (0, 0) and len(least_squares.descend(R, np.zeros(0))) == 0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_bounded_minima_are_those_of_scipy(seed):
+    rng = np.random.default_rng(seed)
+    n = 1 + seed % 8
+    A, y = rng.standard_normal((20, n)) * 10.0 ** rng.uniform(-3, 3, n), rng.standard_normal(20)
+    x = np.linalg.lstsq(A, y, rcond=None)[0]
+    low, high = x - np.abs(x) * rng.uniform(-1, 1, n), x + np.abs(x) * rng.uniform(1, 2, n)
+    high[rng.random(n) < 0.2] = np.inf
+    found = least_squares.bounded(A, y, low, high)
+    assert np.all((low <= found) & (found <= high))
+    expected = lsq_linear(A, y, (low, high), method="bvls", tol=1e-14).x
+    np.testing.assert_allclose(A @ found, A @ expected, atol=1e-9)
+
+
+def test_bounds_at_one_value_and_columns_that_are_alike():
+    A = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    found = least_squares.bounded(A, np.array([3.0, 5.0]), np.array([0.0, 0.0, 2.0]), np.array([1.0, 1.0, 2.0]))
+    np.testing.assert_allclose(found, [1.0, 1.0, 2.0])
