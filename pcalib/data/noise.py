@@ -106,6 +106,7 @@ class Noise:
         row, component = self._index
         if self.covariance is not None:
             return self.padded(values)[row, component]
-        out = values.reshape(6 * len(self), *values.shape[2:]).take(6 * row + component, axis=0)
-        out /= self.sigma[row, component].reshape(-1, *(1,) * (values.ndim - 2))
-        return out
+        flat = values.reshape(6 * len(self), *values.shape[2:])
+        if len(row) < len(flat):
+            flat = flat.take(6 * row + component, axis=0)
+        return flat / self.sigma[row, component].reshape(-1, *(1,) * (values.ndim - 2))

@@ -231,12 +231,22 @@ def _supported(task: Task, state: State, repeated: Repeated) -> tuple[Scale, np.
     out[chosen] = half
     if not np.isfinite(half).all():
         return NOT_SCALED, out
-    inner = [half.T @ gram[np.ix_(chosen, chosen)] @ half for gram in state.linear.grams()]
-    found = scale(state.at[0], task.noise, state.weights.row, np.trace(inner, axis1=1, axis2=2), repeated)
-    middle = np.eye(len(chosen)) + np.einsum("c,cij->ij", np.repeat(found.ratio**2 - 1, 3), inner)
-    values, vectors = np.linalg.eigh(middle)  # positive: the priors' share, and s² times that of the data
-    out[chosen] = half @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    grams = state.linear.grams()[:, chosen[:, None], chosen]
+    leverage = np.einsum("cij,ij->c", grams, half @ half.T)
+    found = scale(state.at[0], task.noise, state.weights.row, leverage, repeated)
+    more = np.einsum("c,cij->ij", np.repeat(found.ratio**2 - 1, 3), grams)
+    middle = np.eye(len(chosen)) + half.T @ more @ half  # positive: the priors' share, and s² times that of the data
+    out[chosen] = half @ _square_root(middle)
     return found, out
+
+
+def _square_root(A: np.ndarray) -> np.ndarray:
+    """L (n, n) with L·Lᵀ = A, which has no negative eigenvalues but by rounding."""
+    try:
+        return np.linalg.cholesky(A)
+    except np.linalg.LinAlgError:  # singular, as where nothing is left over and no prior holds
+        values, vectors = np.linalg.eigh(A)
+        return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def _verdict(state: State, ident: Identifiability, expected: int, task: Task) -> tuple[str, str, str]:
