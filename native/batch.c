@@ -40,12 +40,13 @@ static inline real SQRT(real a)
     return a;
 }
 
-/* To 1e-5 (Abramowitz and Stegun 4.4.47), enough for what it is used for: where Newton starts. */
+/* To 2e-8 (Abramowitz and Stegun 4.4.49), enough for what it is used for: where Newton starts. */
 static inline real ATAN2(real y, real x)
 {
     const real high = FABS(y), wide = FABS(x);
     const real t = chosen(high > wide, wide, high) / chosen(high > wide, high, wide), z = t * t;
-    real a = t * (0.9998660 + z * (-0.3302995 + z * (0.1801410 + z * (-0.0851330 + z * 0.0208351))));
+    real a = t * (1.0 + z * (-0.3333314528 + z * (0.1999355085 + z * (-0.1420889944 + z * (0.1065626393
+        + z * (-0.0752896400 + z * (0.0429096138 + z * (-0.0161657367 + z * 0.0028662257))))))));
     a = chosen(high > wide, 1.57079632679489661923 - a, a);
     a = chosen(x < 0.0, 3.14159265358979323846 - a, a);
     return chosen(y < 0.0, -a, a);
@@ -79,6 +80,9 @@ static inline real sine(real a, double quarter)
 #define NEARLY 1e-9  /* as in the exported code */
 #define CLOSE 2e-15  /* as in the exported code */
 #define CLOSED 1e-14 /* TOLERANCE of kinematics.py */
+#define FINE 1e-12   /* where a compensation to first order begins: times an error, that is rounding */
+#define SINGULAR 1e12 /* as in kinematics.py */
+#define MOST_PARAMETERS 128 /* as in native.py */
 
 /* Effects come as deviations, each null or an array with a row per pose: drives (NQ), rods (M), base-side anchors (M, 3)
  * and plate-side anchors (M, 3), as Deviation of loops.py. */
@@ -215,13 +219,63 @@ static void meet(const closure *at, real x[3])
 #endif
 }
 
+/* Of the commands of a pose. */
+typedef struct {
+    real cosine[NQ], sine[NQ];
+} turned;
+
+static void turn_drives(const real q[NQ], turned *drive)
+{
+    int i;
+    for (i = 0; i < NQ; i++) drive->cosine[i] = COS(q[i]), drive->sine[i] = SIN(q[i]);
+}
+
+/* Change of f by a base-side parameter: 14 numbers, `stride` apart, times n, n cos q, n sin q, n q, 1 and q. */
+static real by_base(const double *slope, int stride, const closure *at, const real q[NQ], const turned *drive, int r)
+{
+    const int a = ACTUATOR[r];
+    real sum[4];
+    int i, c;
+    for (i = 0; i < 4; i++) {
+        sum[i] = slope[3 * i * stride] * at->n[r][0];
+        for (c = 1; c < 3; c++) sum[i] += slope[(3 * i + c) * stride] * at->n[r][c];
+    }
+    return sum[0] + drive->cosine[a] * sum[1] + drive->sine[a] * sum[2] + q[a] * (sum[3] + slope[13 * stride])
+        + slope[12 * stride];
+}
+
+/* Change of f by component c of the joint on the plate. */
+static real by_plate(const closure *at, const real R[9], int r, int c)
+{
+    return R[c] * at->n[r][0] + R[3 + c] * at->n[r][1] + R[6 + c] * at->n[r][2];
+}
+
+/* Commands one step further, to first order with geometric errors: of each rod 14 numbers as of by_base(), 3 of its
+ * joint on the plate. A step that is not finite makes `worst` so. */
+static void compensated(const double *errors, const closure *at, const real R[9], real q[NQ], real *worst)
+{
+    real J[M][M], step[M];
+    turned drive;
+    int r, i;
+    turn_drives(q, &drive);
+    by_unknowns(1, at, R, J);
+    for (r = 0; r < M; r++) {
+        const double *error = errors + 17 * r;
+        step[r] = -at->f[r] - by_base(error, 1, at, q, &drive, r);
+        for (i = 0; i < 3; i++) step[r] -= error[14 + i] * by_plate(at, R, r, i);
+    }
+    solve(J, step);
+    for (i = 0; i < NQ; i++) q[i] += step[i], *worst += 0.0 * step[i];
+}
+
 /* What is left of the loops' errors, and whether a pose is solved: closed to rounding on the working branch. */
-static void judge(const closure *at, const real R[9], const real R0[9], real worst, double *residual, char *solved)
+static void judge(
+    const closure *at, const real R[9], const real R0[9], real worst, double most, double *residual, char *solved)
 {
     const real room = margin(at, R, R0);
     int l;
     store(&worst, 1, residual);
-    for (l = 0; l < LANES && POSE + l < POSES; l++) solved[POSE + l] = worst[l] <= CLOSED && room[l] > 0.0;
+    for (l = 0; l < LANES && POSE + l < POSES; l++) solved[POSE + l] = worst[l] <= most && room[l] > 0.0;
 }
 
 #define JOINED(a, b) a##b
@@ -258,19 +312,20 @@ void NAMED(SHAPE, _forward)(
             meet(&at, p);
         }
         memcpy(turn0, turn, sizeof turn);
-        worst = newton(0, q, &none, p, turn, hinge, origin, turn0, &at);
+        worst = newton(0, CLOSE, q, &none, p, turn, hinge, origin, turn0, &at);
         store(p, 3, x);
         store(turn, 9, R);
         store(hinge, H, phi);
-        judge(&at, turn, turn0, worst, residual, solved);
+        judge(&at, turn, turn0, worst, CLOSED, residual, solved);
     }
 }
 
 /* positions of the tool point (n, 3), R0 (n, 9) or null, tools (n, 3). q, R and phi are where to start if `started`, and
- * the solution, with x. */
+ * the solution, with x. With `errors` (M, 17) or null, commands are compensated for them to first order. */
 void NAMED(SHAPE, _inverse)(
     const double *numbers, long n, int started, const deviation *deviates, const double *positions, const double *R0,
-    const double *tools, double *commands, double *x, double *R, double *phi, double *residual, char *solved)
+    const double *tools, const double *errors, double *commands, double *x, double *R, double *phi, double *residual,
+    char *solved)
 {
     const warming none = {0.0, 0.0, 0.0};
     T = (const table *)numbers;
@@ -298,13 +353,70 @@ void NAMED(SHAPE, _inverse)(
             first_commands(place, turn, &at, q);
         }
         base_side(q, &none, &at);
-        worst = newton(1, q, &none, p, turn, hinge, tool, turn0, &at);
+        worst = newton(1, errors ? FINE : CLOSE, q, &none, p, turn, hinge, tool, turn0, &at);
+        if (errors) compensated(errors, &at, turn, q, &worst);
         turn3(turn, tool, arm);
         for (c = 0; c < 3; c++) p[c] -= arm[c];
         store(q, NQ, commands);
         store(p, 3, x);
         store(turn, 9, R);
         store(hinge, H, phi);
-        judge(&at, turn, turn0, worst, residual, solved);
+        judge(&at, turn, turn0, worst, errors ? FINE : CLOSED, residual, solved);
     }
 }
+
+#if M == ND && H == 0
+/* Motions (n, M, nk) of the plates about their tool points by every parameter: -J_X^-1 df/dk, as geometry_motion() of
+ * prediction.py. `slopes` (M, 14, width) are for by_base(), for each rod's `columns` (M, width + 3), of which the last
+ * three are its joint on the plate. */
+void NAMED(SHAPE, _motion)(
+    const double *numbers, long n, const double *commands, const double *x, const double *R, const double *tools,
+    const double *slopes, const int *columns, int width, int nk, double *out)
+{
+    const deviation rigid = {0};
+    const warming none = {0.0, 0.0, 0.0};
+    const real zero = {0.0};
+    T = (const table *)numbers;
+    DEVIATION = rigid;
+    POSES = n;
+    for (POSE = 0; POSE < n; POSE += LANES) {
+        real q[NQ], p[3], turn[9], tool[3], arm[3], inverse[M][M], motion[M][MOST_PARAMETERS], most = zero;
+        closure at;
+        turned drive;
+        int r, i, j, c, l;
+        load(commands, NQ, q);
+        load(x, 3, p);
+        load(R, 9, turn);
+        load(tools, 3, tool);
+        turn3(turn, tool, arm);
+        for (i = 0; i < 3; i++) p[i] += arm[i];
+        base_side(q, &none, &at);
+        plate_side(q, at.b);
+        close_loops(p, turn, tool, &at);
+        for (r = 0; r < M; r++) {
+            real J[M][M], column[M];
+            by_unknowns(0, &at, turn, J);
+            for (i = 0; i < M; i++) column[i] = (i == r ? -1.0 : 0.0) + zero;
+            solve(J, column);
+            for (i = 0; i < M; i++) {
+                inverse[i][r] = column[i];
+                most = SELECT(FABS(column[i]) <= most, most, FABS(column[i]) + 0.0 * most); /* NaN stays */
+            }
+        }
+        for (i = 0; i < M; i++)
+            for (c = 0; c < nk; c++) motion[i][c] = zero;
+        turn_drives(q, &drive);
+        for (r = 0; r < M; r++)
+            for (j = 0; j < width + 3; j++) {
+                const int to = columns[(width + 3) * r + j];
+                const real row = j < width ? by_base(slopes + 14 * width * r + j, width, &at, q, &drive, r)
+                                           : by_plate(&at, turn, r, j - width);
+                for (i = 0; i < M; i++) motion[i][to] += inverse[i][r] * row;
+            }
+        for (l = 0; l < LANES && POSE + l < n; l++)
+            for (i = 0; i < M; i++)
+                for (c = 0; c < nk; c++)
+                    out[((POSE + l) * M + i) * nk + c] = most[l] <= SINGULAR ? motion[i][c][l] : NAN;
+    }
+}
+#endif

@@ -14,7 +14,7 @@ import numpy as np
 from pcalib import prediction, rotation
 from pcalib.effects.base import Contribution
 from pcalib.errors import InputError, unknown
-from pcalib.mechanics import kinematics
+from pcalib.mechanics import kinematics, native
 from pcalib.mechanics.kinematics import Solution
 from pcalib.mechanics.mechanism import Pose
 from pcalib.model import Model
@@ -115,17 +115,17 @@ def first_order(
     model: Model, position: np.ndarray, conditions: Conditions, rotation_matrix: np.ndarray | None = None
 ) -> Solution:
     """Paper eqs (29)–(33): q = IPR_S(x), δX = S_C·δk at the tool, δq = J_S^m·δx, q − δq."""
-    n = len(position)
-    parts = [
-        _first_order_chunk(
-            model,
-            position[i : i + kinematics.CHUNK],
-            conditions.take(slice(i, i + kinematics.CHUNK)),
-            None if rotation_matrix is None else rotation_matrix[i : i + kinematics.CHUNK],
-        )
-        for i in range(0, n, kinematics.CHUNK)
-    ]
-    return parts[0] if len(parts) == 1 else kinematics.join(parts)
+    mechanism, tool = model.robot.mechanism, conditions.tool
+
+    def in_numpy(rows: np.ndarray) -> Solution:
+        turn = None if rotation_matrix is None else rotation_matrix[rows]
+        return _first_order_chunk(model, position[rows], conditions.take(rows), turn)
+
+    if not model.effects:
+        found = native.inverse(mechanism, mechanism.nominal, position, rotation_matrix, tool, errors=model.errors)
+        if found is not None:
+            return kinematics.completed(found, lambda rows: kinematics.in_chunks(rows, in_numpy))
+    return kinematics.in_chunks(np.arange(len(position)), in_numpy)
 
 
 def _first_order_chunk(

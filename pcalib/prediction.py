@@ -13,7 +13,7 @@ import numpy as np
 
 from pcalib import rotation
 from pcalib.effects.base import Contribution, Situation
-from pcalib.mechanics import kinematics
+from pcalib.mechanics import kinematics, native
 from pcalib.mechanics.kinematics import Closure, Deviation
 from pcalib.mechanics.mechanism import Mechanism, Pose
 from pcalib.model import Conditions as Conditions
@@ -187,6 +187,15 @@ def geometry_motion(
     if basis is not None:
         Jk = Jk @ basis
     return -kinematics.invert(JX) @ Jk
+
+
+def response(model: Model, p: Prediction, basis: np.ndarray | None = None) -> np.ndarray:
+    """:func:`geometry_motion` where nothing else needs the closure: in C where it can be."""
+    mechanism = model.robot.mechanism
+    found = native.motion(mechanism, model.k, p.q, p.pose, p.tool) if p.deviation.none else None
+    if found is None:
+        return geometry_motion(model, p, *closure_of(model, p), basis)
+    return found if basis is None else found @ basis
 
 
 def readings(model: Model, p: Prediction, motion: np.ndarray) -> np.ndarray:

@@ -51,7 +51,7 @@ int pcalib_forward(const double q[NQ], const double tool[3], const pcalib_condit
     start(q, x, R, phi);
     base_side(q, &warm, &at);
     plate_side(phi, at.b);
-    worst = newton(0, command, &warm, x, R, phi, origin, identity, &at);
+    worst = newton(0, CLOSE, command, &warm, x, R, phi, origin, identity, &at);
     turn3(R, tool, arm);
     for (i = 0; i < 3; i++) pose->plate[i] = x[i], pose->position[i] = x[i] + arm[i];
     memcpy(pose->rotation, R, sizeof R);
@@ -82,7 +82,7 @@ int pcalib_inverse(
         for (i = 0; i < 3; i++)
             if (LOOSE & (1 << i)) p[i] = near[i] + carried[i];
     }
-    worst = newton(1, q, &warm, p, R, phi, tool, R0, &at);
+    worst = newton(1, CLOSE, q, &warm, p, R, phi, tool, R0, &at);
     status = status_of(&at, worst, R, R0);
     for (i = 0; i < NQ && status == PCALIB_OK; i++)
         if (q[i] < Q_MIN - 1e-9 || q[i] > Q_MAX + 1e-9) status = PCALIB_OUTSIDE_JOINT_RANGE;

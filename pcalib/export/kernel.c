@@ -287,24 +287,32 @@ static void keep_yaw(real R[9], const real R0[9])
     }
 }
 
-/* Newton from q, p, R and phi, which become the solution; the largest loop error that is left. The unknowns are all of
- * the plate's state, or commands and the state that they leave free, while the reference point stays. Both sides are
- * at these commands and hinges. */
-static real newton(
-    int inverse, real q[NQ], const warming *warm, real p[3], real R[9], real *phi, const real reference[3],
-    const real R0[9], closure *at)
+/* Derivatives of f by the unknowns: all of the plate's state, or commands and the state that they leave free. */
+static void by_unknowns(int inverse, const closure *at, const real R[9], real J[M][M])
 {
     const real zero = {0.0};
     const int fixed = inverse ? NQ : 0; /* columns of commands */
+    int r, c;
+    for (r = 0; r < M; r++) {
+        for (c = 0; c < fixed; c++) J[r][c] = ACTUATOR[r] == c ? by_actuator(at, r) : zero;
+        for (c = 0; c < M - fixed; c++) J[r][fixed + c] = by_state(at, R, r, inverse ? FREE[c] : c);
+    }
+}
+
+/* Newton from q, p, R and phi, which become the solution; the largest loop error that is left, at most `close`. The
+ * unknowns are those of by_unknowns(), while the reference point stays. Both sides are at these commands and hinges. */
+static real newton(
+    int inverse, double close, real q[NQ], const warming *warm, real p[3], real R[9], real *phi, const real reference[3],
+    const real R0[9], closure *at)
+{
+    const real zero = {0.0};
+    const int fixed = inverse ? NQ : 0;
     real worst = close_loops(p, R, reference, at);
     int round, last = 0, i, r, c; /* where nothing is finite, no comparison holds, and the loop ends */
-    for (round = 0; round < ROUNDS && !last && ANY(worst > CLOSE); round++) {
+    for (round = 0; round < ROUNDS && !last && ANY(worst > close); round++) {
         real J[M][M], step[M], w[3], turn[9], turned[9];
-        for (r = 0; r < M; r++) {
-            for (i = 0; i < fixed; i++) J[r][i] = ACTUATOR[r] == i ? by_actuator(at, r) : zero;
-            for (c = 0; c < M - fixed; c++) J[r][fixed + c] = by_state(at, R, r, inverse ? FREE[c] : c);
-            step[r] = -at->f[r];
-        }
+        by_unknowns(inverse, at, R, J);
+        for (r = 0; r < M; r++) step[r] = -at->f[r];
         last = !ANY(worst > NEARLY); /* Newton squares the error: one more step leaves rounding */
         solve(J, step);
         limit(step);

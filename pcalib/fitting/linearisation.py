@@ -205,14 +205,16 @@ def linearise(
         noise: that of the readings; what the data state where it is absent.
     """
     error, p = at if at is not None else residuals(model, data)
-    closed, JX = prediction.closure_of(model, p)
     basis = None if unknowns.level.raw and unknowns.keep.all() else unknowns.basis
-    motion = prediction.geometry_motion(model, p, closed, JX, basis)
-    blocks = [prediction.readings(model, p, motion)]
     if unknowns.n_effects:
         assert p.situation is not None
+        closed, JX = prediction.closure_of(model, p)
+        motion = prediction.geometry_motion(model, p, closed, JX, basis)
         parts = prediction.unit_contributions(model, p.situation)
-        blocks.append(prediction.effect_columns(model, p, closed, JX, parts))
+        effects = [prediction.effect_columns(model, p, closed, JX, parts)]
+    else:
+        motion, effects = prediction.response(model, p, basis), []
+    blocks = [prediction.readings(model, p, motion), *effects]
     if unknowns.n_frame:
         blocks.append(prediction.frame_columns(model, p))
     if unknowns.n_setup:

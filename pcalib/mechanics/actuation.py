@@ -28,13 +28,24 @@ def _spread(nk: int, where: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RotaryArms(Actuation):
+class _Mounted(Actuation):
+    """Arms or carriages on mounts that turn by β."""
+
+    actuator: np.ndarray
+    """(m,) which one holds each rod."""
+
+    def _turned(self, k: np.ndarray, arms: np.ndarray) -> np.ndarray:
+        """−∂(vectors)/∂β as the mounts turn, (m, 3·p, 3), of p vectors (m, p, 3) of each rod."""
+        J = rotation.left_jacobian(k[self.beta])[self.actuator]
+        return (rotation.hat(arms) @ J[:, None]).reshape(len(arms), -1, 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotaryArms(_Mounted):
     """Arms on motor axes: A = p_i + exp(β_i)·Rz(θ_i)·Rx(q_i)·a_r (paper eqs 8–11, with a finite β)."""
 
     azimuth: np.ndarray
     """(nq,) [rad] nominal direction θ_i of each motor axis."""
-    actuator: np.ndarray
-    """(m,) arm of each rod."""
 
     moves = "arm"
     mount = "motor"
@@ -87,6 +98,17 @@ class RotaryArms(Actuation):
         out[..., 9] = -1.0
         return out
 
+    def slopes(self, k: np.ndarray) -> np.ndarray:
+        frames = self._frames(k)
+        centre, C, S = self._circle(k, frames)
+        out = np.zeros((len(centre), 14, 10))
+        out[:, :3, :3] = -np.eye(3)
+        x, y, z = np.moveaxis(frames[self.actuator], -1, 0)
+        out[:, :3, 3], out[:, 3:6, 4], out[:, 6:9, 4], out[:, 3:6, 5], out[:, 6:9, 5] = -x, -y, -z, -z, y
+        out[:, :9, 6:9] = self._turned(k, np.stack([centre - k[self.p][self.actuator], C, S], axis=1))
+        out[:, 12, 9] = -1.0
+        return out
+
     def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
         centre, C, S = self._circle(k, self._frames(k))
         d = B - centre
@@ -105,13 +127,11 @@ class RotaryArms(Actuation):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Carriages(Actuation):
+class Carriages(_Mounted):
     """Carriages on straight rails: A = p_i + exp(β_i)·(a_r + s_i·q_i·e_i); β_i leans the rail, s_i scales its motor."""
 
     direction: np.ndarray
     """(nq, 3) nominal unit directions e_i of the rails, base frame."""
-    actuator: np.ndarray
-    """(m,) carriage of each rod."""
 
     moves = "carriage"
     mount = "rail"
@@ -148,6 +168,17 @@ class Carriages(Actuation):
         out[..., 6:9] = -_per_rod(rotation.cross(arm, n), J)
         out[..., 9] = -q[:, self.actuator] * rotation.dot(in_frame, self.direction[self.actuator])
         out[..., 10] = -1.0
+        return out
+
+    def slopes(self, k: np.ndarray) -> np.ndarray:
+        E, origin, D = self._rails(k)
+        out = np.zeros((len(origin), 14, 11))
+        out[:, :3, :3] = -np.eye(3)
+        out[:, :3, 3:6] = -E[self.actuator]
+        turned = self._turned(k, np.stack([origin - k[self.p][self.actuator], D], axis=1))
+        out[:, :3, 6:9], out[:, 9:12, 6:9] = turned[:, :3], turned[:, 3:]
+        out[:, 9:12, 9] = -(E @ self.direction[..., None])[self.actuator, :, 0]
+        out[:, 12, 10] = -1.0
         return out
 
     def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
@@ -192,6 +223,12 @@ class Legs(Actuation):
         out[..., 0:3] = -n
         out[..., 3] = -1.0
         out[..., 4] = -self.travel * q
+        return out
+
+    def slopes(self, k: np.ndarray) -> np.ndarray:
+        out = np.zeros((len(self.p), 14, 5))
+        out[:, :3, :3] = -np.eye(3)
+        out[:, 12, 3], out[:, 13, 4] = -1.0, -self.travel
         return out
 
     def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:

@@ -171,9 +171,9 @@ def judged(
     return status
 
 
-def _in_chunks(n: int, solver: Callable[[np.ndarray], Solution]) -> Solution:
-    """Run a solver over at most CHUNK rows at a time and join the answers."""
-    parts = [solver(np.arange(i, min(i + CHUNK, n))) for i in range(0, max(n, 1), CHUNK)]
+def in_chunks(rows: np.ndarray, solver: Callable[[np.ndarray], Solution]) -> Solution:
+    """Run a solver over at most CHUNK of the rows (N,) at a time and join the answers."""
+    parts = [solver(rows[i : i + CHUNK]) for i in range(0, max(len(rows), 1), CHUNK)]
     return parts[0] if len(parts) == 1 else join(parts)
 
 
@@ -215,11 +215,11 @@ def forward(
                 near = None if start is None else start.take(rows)
                 return _forward(mechanism, k, q[rows], near, deviation.take(rows))
 
-            return _completed(found, remaining)
+            return completed(found, remaining)
     return _forward(mechanism, k, q, start, deviation, tolerance, max_iterations)
 
 
-def _completed(found: native.Found, remaining: Callable[[np.ndarray], Solution]) -> Solution:
+def completed(found: native.Found, remaining: Callable[[np.ndarray], Solution]) -> Solution:
     """What the extension solved, and what is left to NumPy."""
     status = np.full(len(found.q), "ok", dtype="<U13")
     out = Solution(found.q, found.pose, status, native.ROUNDS, found.residual)
@@ -263,7 +263,7 @@ def _forward(
         pose = mechanism.start(k, q[rows]) if start is None else start.take(rows)
         return run(rows, pose, pose.R, 0, min(TOGETHER, max_iterations))
 
-    return _in_chunks(len(q), batch)
+    return in_chunks(np.arange(len(q)), batch)
 
 
 def _upright(mechanism: Mechanism, R: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -310,7 +310,7 @@ def inverse(
                 point = t[rows] if t.ndim == 2 else t
                 return _inverse(mechanism, k, position[rows], turn, point, near, deviation.take(rows))
 
-            return _completed(found, remaining)
+            return completed(found, remaining)
     return _inverse(mechanism, k, position, rotation_matrix, tool, start, deviation, tolerance, max_iterations)
 
 
@@ -382,7 +382,7 @@ def _inverse(
     def batch(rows: np.ndarray) -> Solution:
         return run(rows, None if start is None else start.take(rows), 0, min(TOGETHER, max_iterations))
 
-    return _in_chunks(N, batch)
+    return in_chunks(np.arange(N), batch)
 
 
 def _level(mechanism: Mechanism, k: np.ndarray, R: np.ndarray) -> np.ndarray:

@@ -86,6 +86,11 @@ class Actuation:
         """∂f/∂k of each rod by its `columns`, (N, m, c), for directions n and rod vectors d = B − A (N, m, 3)."""
         raise NotImplementedError
 
+    def slopes(self, k: np.ndarray) -> np.ndarray:
+        """What :meth:`rows` are made of at every pose, (m, 14, c): the factors of n, n·cos q, n·sin q and n·q (3 each),
+        of 1 and of q. For circles and lines only; the extension asks for it."""
+        raise NotImplementedError
+
     def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
         """Closed-form actuator value that lets each rod reach B (N, m, 3): (N, m), NaN where it cannot."""
         raise NotImplementedError

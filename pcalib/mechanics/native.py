@@ -21,6 +21,8 @@ SHAPES = ("three_arms", "six_arms", "two_bodies", "plane")
 """The files of `native/`, one per shape of robot."""
 ROUNDS = 10
 """Newton steps at most, as in native/batch.c."""
+MOST_PARAMETERS = 128
+"""Parameters of a robot whose derivatives the C can hold, as in native/batch.c; a hexapod with motors has 84."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def _numbers_of(mechanism: Mechanism, parameters: bytes) -> np.ndarray:
 
 
 def _address(array: np.ndarray | None) -> ctypes.c_void_p | None:
-    return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
+    return None if array is None else ctypes.c_void_p(array.ctypes.data)
 
 
 def _run(
@@ -126,14 +128,18 @@ def inverse(
     tool: np.ndarray,
     start: tuple[np.ndarray, Pose] | None = None,
     deviation: Deviation = RIGID,
+    errors: np.ndarray | None = None,
 ) -> Found | None:
     """Commands for tool points (N, 3) and orientations R (N, 3, 3); None where NumPy has to find them all.
 
     Args:
         tool: (), (3,) or (N, 3) [m].
         start: commands (N, nq) and poses to start from; the closed form where absent, which knows no deviation.
+        errors: (nk,) geometric errors for which the commands are then compensated to first order.
     """
     name = library() and _shape(mechanism)
+    if errors is not None and not _sloped(mechanism):
+        return None
     if not name or not {0, 1, 2} & set(mechanism.plate_dofs) <= set(mechanism.task):
         return None  # what the task leaves free of a place is looked for from another start
     if start is None and not deviation.none:
@@ -150,6 +156,41 @@ def inverse(
         phi = _own(start[1].phi, n, h) if h else np.empty((n, 0))
         pose = Pose(np.empty((n, 3)), _own(start[1].R, n, 3, 3), phi)
     residual, solved = np.empty(n), np.empty(n, bool)
-    arrays = (position, turn, tool, q, pose.x, pose.R, pose.phi, residual, solved)
+    by = None if errors is None else _by_rod(mechanism, k, errors)
+    arrays = (position, turn, tool, by, q, pose.x, pose.R, pose.phi, residual, solved)
     _run(f"{name}_inverse", _numbers(mechanism, k), n, start is not None, deviation, *arrays)
     return Found(q, pose, residual, solved)
+
+
+def _sloped(mechanism: Mechanism) -> bool:
+    """Whether derivatives by parameters are made of what :meth:`Actuation.slopes` gives, and of the plate's joints."""
+    return not mechanism.hinges and mechanism.n_state == 6 and len(mechanism.nominal) <= MOST_PARAMETERS
+
+
+def _by_rod(mechanism: Mechanism, k: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """(m, 17) what geometric errors (nk,) change of each rod at every pose: 14 as of slopes, 3 of the plate's joint."""
+    act = mechanism.actuation
+    base = act.slopes(k) @ errors[act.columns][:, :, None]
+    return np.hstack([base[..., 0], errors[mechanism.plate_columns]])
+
+
+@lru_cache(maxsize=64)
+def _columns(mechanism: Mechanism) -> np.ndarray:
+    """(m, c + 3) int32 where the parameters of each rod stand in k, those of its joint on the plate last."""
+    return np.hstack([mechanism.actuation.columns, mechanism.plate_columns]).astype(np.int32)
+
+
+def motion(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, pose: Pose, tool: np.ndarray) -> np.ndarray | None:
+    """Derivative of the plate's state about its tool point (N, 3) by every parameter, (N, n_state, nk), without
+    deviations; None where NumPy has to find it."""
+    name = library() and _shape(mechanism)
+    if not name or not _sloped(mechanism):
+        return None
+    n, columns, slopes = len(q), _columns(mechanism), mechanism.actuation.slopes(k)
+    out = np.empty((n, mechanism.n_state, len(k)))
+    arrays = [np.ascontiguousarray(a, float) for a in (q, pose.x, pose.R, np.broadcast_to(tool, (n, 3)))]
+    sizes = ctypes.c_int(slopes.shape[2]), ctypes.c_int(len(k))
+    run = getattr(library(), f"{name}_motion")
+    given = (_address(a) for a in (*arrays, slopes, columns))
+    run(_address(_numbers(mechanism, k)), ctypes.c_long(n), *given, *sizes, _address(out))
+    return out

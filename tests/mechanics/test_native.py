@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pcalib import compensation, prediction, rotation
 from pcalib import robot as robots
-from pcalib import rotation
 from pcalib.mechanics import extension, kinematics, native
 from pcalib.mechanics.loops import Deviation
+from pcalib.model import Conditions, Model
 from pcalib.workspace import reachable
 
 FILES = sorted((Path(__file__).parents[2] / "models").glob("*.toml"))
@@ -102,6 +103,49 @@ def test_deviations_are_those_of_numpy(case, which):
     before, deviation = before.take(before.ok), deviation.take(before.ok)
     known = kinematics._inverse(mechanism, k, goal, R, tool, before, deviation)
     compare(kinematics.inverse(mechanism, k, goal, R, tool, before, deviation), known)
+
+
+@built
+def test_derivatives_by_parameters_are_those_of_numpy(case):
+    robot, k, _, rng = case
+    mechanism, model = robot.mechanism, Model.nominal(robot).with_geometry(k)
+    q = reachable(robot, 101, rng).q
+    tools = 0.1 * mechanism.tool_direction + 0.02 * rng.standard_normal((len(q), 3))
+    p = prediction.predict(model, q, Conditions.of(len(q), tools))
+    found = native.motion(mechanism, k, q, p.pose, p.tool)
+    assert (found is None) == (mechanism.kind in ("planar", "h4"))
+    if found is not None:
+        known = prediction.geometry_motion(model, p, *prediction.closure_of(model, p))
+        np.testing.assert_allclose(found, known, rtol=1e-12, atol=1e-12 * np.abs(known).max())
+
+
+@built
+def test_singular_poses_have_no_derivatives():
+    """Rods that meet in one point of the plate let it turn about that."""
+    robot = robots.load(FILES[0])
+    mechanism, k = robot.mechanism, robot.mechanism.nominal.copy()
+    k[mechanism.plate_columns] = 0.0
+    pose = kinematics._forward(mechanism, mechanism.nominal, np.zeros((5, 3))).pose
+    found = native.motion(mechanism, k, np.zeros((5, 3)), pose, np.zeros(3))
+    assert found is not None and np.isnan(found).all()
+
+
+@built
+def test_first_order_compensation_is_that_of_numpy(case, monkeypatch):
+    robot, k, _, rng = case
+    mechanism, model = robot.mechanism, Model.nominal(robot).with_geometry(k)
+    within = reachable(robot, 400, rng)
+    tool = 0.1 * mechanism.tool_direction + 0.02 * rng.standard_normal((400, 3))
+    x = within.pose.tcp(tool)
+    x[:3] += 10.0  # legs of commanded length reach even there
+    for R in (None, within.pose.R):
+        mine = compensation.compensate(model, x, tool, rotation_matrix=R, method="first-order", limits=False)
+        with monkeypatch.context() as patch:
+            patch.setenv(extension.VARIABLE, "0")
+            known = compensation.compensate(model, x, tool, rotation_matrix=R, method="first-order", limits=False)
+        np.testing.assert_array_equal(mine.status, known.status)
+        assert (known.status[3:] == "ok").all()
+        np.testing.assert_allclose(mine.q, known.q, rtol=1e-12, atol=1e-12)
 
 
 @built
