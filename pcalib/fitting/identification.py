@@ -231,7 +231,9 @@ def _supported(task: Task, state: State, repeated: Repeated) -> tuple[Scale, np.
     out[chosen] = half
     if not np.isfinite(half).all():
         return NOT_SCALED, out
-    grams = state.linear.grams()[:, chosen[:, None], chosen]
+    grams = state.linear.grams()
+    if len(chosen) < len(unknowns.names):
+        grams = grams[:, chosen[:, None], chosen]
     leverage = np.einsum("cij,ij->c", grams, half @ half.T)
     found = scale(state.at[0], task.noise, state.weights.row, leverage, repeated)
     more = np.einsum("c,cij->ij", np.repeat(found.ratio**2 - 1, 3), grams)

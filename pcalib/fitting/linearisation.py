@@ -78,10 +78,10 @@ class Linearisation:
     def grams(self, weight: np.ndarray) -> np.ndarray:
         """JᵀwJ (6, n, n) of every component, for weights w (N,) of the rows."""
         out = np.zeros((6, self.jacobian.shape[1], self.jacobian.shape[1]))
+        J = self.jacobian * np.sqrt(weight)[self.row, None]
         for c in np.unique(self.component):
-            rows = self.component == c
-            J = self.jacobian[rows] * np.sqrt(weight[self.row[rows]])[:, None]
-            out[c] = J.T @ J
+            rows = J[self.component == c]
+            out[c] = rows.T @ rows
         return out
 
     @cached_property
