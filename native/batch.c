@@ -380,7 +380,7 @@ void NAMED(SHAPE, _motion)(
     DEVIATION = rigid;
     POSES = n;
     for (POSE = 0; POSE < n; POSE += LANES) {
-        real q[NQ], p[3], turn[9], tool[3], arm[3], inverse[M][M], motion[M][MOST_PARAMETERS], most = zero;
+        real q[NQ], p[3], turn[9], tool[3], arm[3], J[M][M], inverse[M][M], motion[M][MOST_PARAMETERS], most = zero;
         closure at;
         turned drive;
         int r, i, j, c, l;
@@ -391,13 +391,14 @@ void NAMED(SHAPE, _motion)(
         turn3(turn, tool, arm);
         for (i = 0; i < 3; i++) p[i] += arm[i];
         base_side(q, &none, &at);
-        plate_side(q, at.b);
+        plate_side(NULL, at.b);
         close_loops(p, turn, tool, &at);
+        by_unknowns(0, &at, turn, J);
         for (r = 0; r < M; r++) {
-            real J[M][M], column[M];
-            by_unknowns(0, &at, turn, J);
+            real A[M][M], column[M];
+            memcpy(A, J, sizeof A);
             for (i = 0; i < M; i++) column[i] = (i == r ? -1.0 : 0.0) + zero;
-            solve(J, column);
+            solve(A, column);
             for (i = 0; i < M; i++) {
                 inverse[i][r] = column[i];
                 most = SELECT(FABS(column[i]) <= most, most, FABS(column[i]) + 0.0 * most); /* NaN stays */

@@ -8,7 +8,7 @@ from scipy.linalg.lapack import dgeqrf, dgeqrt, dtrtri, dtrtrs  # pyright: ignor
 _BLOCK = 8
 """Columns at a time; on tall matrices of some hundred rows dgeqrt takes half of dgeqrf's time."""
 _TURNS = 10
-"""Changes of the active set per unknown after which the search for a bounded minimum ends; two are usual."""
+"""Changes of the active set per unknown after which a bounded search ends: only rounding makes so many."""
 _FLAT = 1e-12
 """Share of |y| that counts as no slope: some rounding."""
 
@@ -71,7 +71,7 @@ def within(R: np.ndarray, step: np.ndarray, low: np.ndarray, high: np.ndarray) -
 def bounded(A: np.ndarray, y: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Minimise |y − A·x|² over low ≤ x ≤ high by active sets (Stark & Parker 1995); returns x (n,).
 
-    What SciPy's optimisers do as well; importing them takes longer than most commands.
+    SciPy's optimisers do the same, and take twice as long to import as NumPy.
 
     Args:
         A: (M, n), y: (M,), low, high: (n,), -inf and inf where there is no bound.

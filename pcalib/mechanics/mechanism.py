@@ -86,10 +86,10 @@ class Actuation:
         """∂f/∂k of each rod by its `columns`, (N, m, c), for directions n and rod vectors d = B − A (N, m, 3)."""
         raise NotImplementedError
 
-    def slopes(self, k: np.ndarray) -> np.ndarray:
+    def slopes(self, k: np.ndarray) -> np.ndarray | None:
         """What :meth:`rows` are made of at every pose, (m, 14, c): the factors of n, n·cos q, n·sin q and n·q (3 each),
-        of 1 and of q. For circles and lines only; the extension asks for it."""
-        raise NotImplementedError
+        of 1 and of q. The extension asks for it, and leaves rows to NumPy where it is None."""
+        return None
 
     def reach(self, k: np.ndarray, B: np.ndarray) -> np.ndarray:
         """Closed-form actuator value that lets each rod reach B (N, m, 3): (N, m), NaN where it cannot."""

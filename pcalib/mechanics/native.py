@@ -22,7 +22,7 @@ SHAPES = ("three_arms", "six_arms", "two_bodies", "plane")
 ROUNDS = 10
 """Newton steps at most, as in native/batch.c."""
 MOST_PARAMETERS = 128
-"""Parameters of a robot whose derivatives the C can hold, as in native/batch.c; a hexapod with motors has 84."""
+"""Parameters of a robot whose derivatives the C can hold, as in native/batch.c; the most are the Hexa's 78."""
 
 
 @dataclass(frozen=True)
@@ -138,12 +138,16 @@ def inverse(
         errors: (nk,) geometric errors for which the commands are then compensated to first order.
     """
     name = library() and _shape(mechanism)
-    if errors is not None and not _sloped(mechanism):
-        return None
     if not name or not {0, 1, 2} & set(mechanism.plate_dofs) <= set(mechanism.task):
         return None  # what the task leaves free of a place is looked for from another start
     if start is None and not deviation.none:
         return None
+    by = None
+    if errors is not None:
+        if (slopes := _slopes(mechanism, k)) is None:
+            return None
+        base = slopes @ errors[mechanism.actuation.columns][:, :, None]
+        by = np.hstack([base[..., 0], errors[mechanism.plate_columns]])
     n, h = len(position), len(mechanism.hinges)
     position = np.ascontiguousarray(position, float)
     turn = None if R is None else np.ascontiguousarray(np.broadcast_to(R, (n, 3, 3)), float)
@@ -156,22 +160,15 @@ def inverse(
         phi = _own(start[1].phi, n, h) if h else np.empty((n, 0))
         pose = Pose(np.empty((n, 3)), _own(start[1].R, n, 3, 3), phi)
     residual, solved = np.empty(n), np.empty(n, bool)
-    by = None if errors is None else _by_rod(mechanism, k, errors)
     arrays = (position, turn, tool, by, q, pose.x, pose.R, pose.phi, residual, solved)
     _run(f"{name}_inverse", _numbers(mechanism, k), n, start is not None, deviation, *arrays)
     return Found(q, pose, residual, solved)
 
 
-def _sloped(mechanism: Mechanism) -> bool:
-    """Whether derivatives by parameters are made of what :meth:`Actuation.slopes` gives, and of the plate's joints."""
-    return not mechanism.hinges and mechanism.n_state == 6 and len(mechanism.nominal) <= MOST_PARAMETERS
-
-
-def _by_rod(mechanism: Mechanism, k: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """(m, 17) what geometric errors (nk,) change of each rod at every pose: 14 as of slopes, 3 of the plate's joint."""
-    act = mechanism.actuation
-    base = act.slopes(k) @ errors[act.columns][:, :, None]
-    return np.hstack([base[..., 0], errors[mechanism.plate_columns]])
+def _slopes(mechanism: Mechanism, k: np.ndarray) -> np.ndarray | None:
+    """(m, 14, c) what the base side's derivatives by parameters are made of; None where NumPy has to find them."""
+    plain = not mechanism.hinges and mechanism.plate_signs is None and mechanism.n_state == 6
+    return mechanism.actuation.slopes(k) if plain and len(k) <= MOST_PARAMETERS else None
 
 
 @lru_cache(maxsize=64)
@@ -184,13 +181,14 @@ def motion(mechanism: Mechanism, k: np.ndarray, q: np.ndarray, pose: Pose, tool:
     """Derivative of the plate's state about its tool point (N, 3) by every parameter, (N, n_state, nk), without
     deviations; None where NumPy has to find it."""
     name = library() and _shape(mechanism)
-    if not name or not _sloped(mechanism):
+    slopes = _slopes(mechanism, k) if name else None
+    if slopes is None:
         return None
-    n, columns, slopes = len(q), _columns(mechanism), mechanism.actuation.slopes(k)
+    n = len(q)
     out = np.empty((n, mechanism.n_state, len(k)))
-    arrays = [np.ascontiguousarray(a, float) for a in (q, pose.x, pose.R, np.broadcast_to(tool, (n, 3)))]
+    given = [np.ascontiguousarray(a, float) for a in (q, pose.x, pose.R, np.broadcast_to(tool, (n, 3)), slopes)]
+    numbers, columns = _numbers(mechanism, k), _columns(mechanism)
     sizes = ctypes.c_int(slopes.shape[2]), ctypes.c_int(len(k))
     run = getattr(library(), f"{name}_motion")
-    given = (_address(a) for a in (*arrays, slopes, columns))
-    run(_address(_numbers(mechanism, k)), ctypes.c_long(n), *given, *sizes, _address(out))
+    run(_address(numbers), ctypes.c_long(n), *map(_address, given), _address(columns), *sizes, _address(out))
     return out
