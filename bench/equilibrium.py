@@ -139,8 +139,9 @@ class Equilibrium:
         K[self._diagonal, self._diagonal] = k
         return K
 
-    def _tangent(self, step: float = 1e-6) -> np.ndarray:
+    def _tangent(self) -> np.ndarray:
         """Return K = −∂(F + Jᵀλ)/∂q at fixed λ by central differences, (n_free, n_free)."""
+        step = 1e-6  # [m, rad]
         loops = self.loops
         here, multipliers = loops.data.qpos.copy(), self._multipliers
         K = np.zeros((len(self.free), len(self.free)))

@@ -23,12 +23,11 @@ from typing import Any
 import numpy as np
 
 from bench import noises
-from bench.noises import STREAM, Scene
+from bench.noises import Scene
 from pcalib import rotation, settings
 from pcalib.data.instrument import Instrument as Description
 from pcalib.settings import Setting
 
-PER_HOUR = 1 / 3600.0
 MEASURED = {
     "pose": (True,) * 6,
     "position": (True, True, True, False, False, False),
@@ -123,7 +122,7 @@ class Instrument:
         sigma = self.values["sigma_joint" if dimension == "angle" else "sigma_carriage"]
         if not sigma:
             return np.zeros_like(q)
-        return sigma * np.stack([_generator(seed, 2 * int(r) + 1).standard_normal(q.shape[1]) for r in rows])
+        return sigma * np.stack([noises.generator(seed, 2 * int(r) + 1).standard_normal(q.shape[1]) for r in rows])
 
     def read(
         self, tcp: np.ndarray, R: np.ndarray, seed: int, rows: np.ndarray, tool: np.ndarray | float = 0.0
@@ -139,8 +138,8 @@ class Instrument:
         v, n = self.values, len(tcp)
         draws = np.empty((n, 16))
         for i, row in enumerate(rows):
-            generator = _generator(seed, 2 * int(row))
-            draws[i, :9], draws[i, 9:] = generator.standard_normal(9), generator.random(7)
+            drawn = noises.generator(seed, 2 * int(row))
+            draws[i, :9], draws[i, 9:] = drawn.standard_normal(9), drawn.random(7)
 
         station = np.zeros(3) if v["frame"] == "tracker" else np.asarray(v["position"], float)
         scene = Scene(tcp, R, np.broadcast_to(tool, (n, 3)), station, rows, draws[:, :6], seed)
@@ -165,10 +164,6 @@ class Instrument:
         pos, rot = (bool(v["state_sigma"] and also and s.any()) for also, s in zip(beside, sigma, strict=True))
         lost = draws[:, 10] < v["missing_rows"]
         return Reading(position, R, *sigma, noise.covariance(scene), said, (pos, rot), lost, outlier)
-
-
-def _generator(seed: int, stream: int) -> np.random.Generator:
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(STREAM, stream))))
 
 
 def _rounded(values: np.ndarray, step: float) -> np.ndarray:

@@ -181,7 +181,7 @@ def listed_errors(robot: Robot, listed: Any) -> np.ndarray:
     errors = np.zeros(len(mechanism.parameters))
     at = {name: i for i, name in enumerate(mechanism.parameters)}
     given: set[str] = set()
-    for key, raw in _flat(listed):
+    for key, raw in flat(listed):
         name, unit = (key, None) if key in at else units.split(key)
         dimension = _DIMENSIONS[mechanism.units[at[name]]] if name in at else ""
         remedy = f"write one of {units.spellings(name, dimension)}"
@@ -203,10 +203,10 @@ def listed_errors(robot: Robot, listed: Any) -> np.ndarray:
     return errors
 
 
-def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Nested tables as dotted keys again: TOML reads `p1.x_mm = 0.1` without quotes as a table."""
+def flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Return nested tables as dotted keys again: TOML reads `p1.x_mm = 0.1` without quotes as a table."""
     for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{prefix}{key}.")
         else:
             yield prefix + key, value

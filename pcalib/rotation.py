@@ -141,13 +141,8 @@ def registered(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return R, to - R @ at
 
 
-def laying(a: np.ndarray, b: np.ndarray, mirrored: bool = False) -> np.ndarray:
-    """R (…, 3, 3) that minimises Σ |b_n − R·a_n|² over points a, b (…, n, 3) about their centres (Kabsch 1976).
-
-    Args:
-        mirrored: the best reflection instead of the best rotation.
-    """
+def laying(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Rotation R (…, 3, 3) that minimises Σ |b_n − R·a_n|² over points a, b (…, n, 3) about their centres."""
     U, _, Vt = np.linalg.svd(np.swapaxes(b, -1, -2) @ a)
-    hand = np.sign(np.linalg.det(U @ Vt)) * (-1 if mirrored else 1)
-    U[..., 2] *= hand[..., None]
+    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
     return U @ Vt

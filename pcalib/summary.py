@@ -11,7 +11,8 @@ from pcalib.fitting.result import Accuracy, Fit
 from pcalib.model import Frame
 
 
-def _micro(value: float) -> float | None:
+def micro(value: float) -> float | None:
+    """The value in millionths for JSON, which knows no NaN."""
     return float(value * 1e6) if np.isfinite(value) else None
 
 
@@ -27,9 +28,9 @@ def identified(fit: Fit) -> str:
 def accuracy_json(a: Accuracy) -> dict[str, Any]:
     """The figures of a fit on some rows."""
     return {
-        "rms_pos_um": _micro(a.rms_pos),
-        "max_pos_um": _micro(a.max_pos),
-        "rms_rot_urad": _micro(a.rms_rot),
+        "rms_pos_um": micro(a.rms_pos),
+        "max_pos_um": micro(a.max_pos),
+        "rms_rot_urad": micro(a.rms_rot),
         "chi2_dof": float(a.chi2_dof) if np.isfinite(a.chi2_dof) else None,
         "rows": a.n_rows,
     }
@@ -151,8 +152,8 @@ def statistics(fit: Fit) -> dict[str, Any]:
     return found
 
 
-def largest_changes(fit: Fit, count: int = 6) -> list[tuple[str, str, str, str]]:
-    """The geometric unknowns that changed most in units of their σ: name, change, σ, ratio, as text."""
+def largest_changes(fit: Fit) -> list[tuple[str, str, str, str]]:
+    """The six geometric unknowns that changed most in units of their σ: name, change, σ, ratio, as text."""
     g = fit.unknowns.n_geometry
     if g == 0:
         return []
@@ -160,7 +161,7 @@ def largest_changes(fit: Fit, count: int = 6) -> list[tuple[str, str, str, str]]
     ratio = np.abs(fit.estimate[:g]) / np.where(sigma > 0, sigma, np.inf)
     units = [fit.unknowns.level.units[fit.unknowns.level.columns.index(n)] for n in fit.unknowns.names[:g]]
     rows = []
-    for i in np.argsort(-ratio)[:count]:
+    for i in np.argsort(-ratio)[:6]:
         if ratio[i] < 3:
             break
         change, doubt = (

@@ -81,6 +81,12 @@ def clipped(text: str, most: int) -> str:
     return f"{text[: end + 1]} …" if end > 0 else short(text, most)
 
 
+def some_lines(numbers: np.ndarray, most: int = 8) -> str:
+    """'lines 3, 7, 9, …': at most the given count of lines, and whether there are more."""
+    more = ", …" if len(numbers) > most else ""
+    return f"line{'s' * (len(numbers) > 1)} {', '.join(str(int(line)) for line in numbers[:most])}{more}"
+
+
 def lines(numbers: np.ndarray) -> str:
     """'lines 3, 7 and 9'; no more than five are named."""
     said = [str(line) for line in numbers]

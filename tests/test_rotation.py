@@ -94,8 +94,8 @@ def test_renormalise_brings_back_a_drifted_rotation():
     assert np.abs(rotation.renormalise(R) - R).max() < 1e-6
 
 
-def test_laying_is_the_best_rotation_or_reflection():
-    """SciPy's solution of Wahba's problem is the same; a mirrored set is laid without a residual by a reflection."""
+def test_laying_is_the_best_rotation():
+    """SciPy's solution of Wahba's problem is the same."""
     rng = np.random.default_rng(0)
     a, noise = rng.standard_normal((5, 20, 3)), 0.3 * rng.standard_normal((5, 20, 3))
     true = rotation.exp(rng.standard_normal((5, 3)))
@@ -103,5 +103,3 @@ def test_laying_is_the_best_rotation_or_reflection():
     got = rotation.laying(a, b)
     for one, x, y in zip(got, a, b, strict=True):
         np.testing.assert_allclose(one, Rotation.align_vectors(y, x)[0].as_matrix(), atol=1e-9)
-    mirror = np.diag([1.0, 1.0, -1.0])
-    np.testing.assert_allclose(rotation.laying(a, a @ mirror, mirrored=True), np.tile(mirror, (5, 1, 1)), atol=1e-9)

@@ -83,9 +83,9 @@ class Noise:
         return None
 
 
-def generator(seed: int, stream: int, row: int) -> np.random.Generator:
-    """Return the random numbers of one row: they depend on seed, stream and row alone."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(STREAM, stream, row))))
+def generator(seed: int, *key: int) -> np.random.Generator:
+    """Return the random numbers of one stream, or of one row of it: they depend on the seed and this key alone."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(STREAM, *key))))
 
 
 def isotropic(sigma_pos: np.ndarray, sigma_rot: np.ndarray) -> np.ndarray:

@@ -10,8 +10,9 @@ import numpy as np
 from pcalib import report
 from pcalib.changes.history import Visit
 from pcalib.changes.results import Verdict
-from pcalib.changes.telling import p_text, sentence
+from pcalib.changes.telling import sentence
 from pcalib.diagnosis.hypothesis import Kind
+from pcalib.diagnosis.telling import p_text
 from pcalib.model import Model
 from pcalib.palette import SERIES
 from pcalib.report import Figure, Page, Section, Table

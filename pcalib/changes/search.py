@@ -31,8 +31,6 @@ SPLITS = 160
 """Most places that are tried for a slip; of more rows every second, third … is a place."""
 DRAWS = 256
 """Draws of pure noise on which the search for a slip is repeated, to learn what it finds by chance."""
-RARE = 0.9
-"""Quantile of the best of each draw at which independent tries are counted: neighbouring places are nearly one."""
 LARGE = 12.0
 """Noise units of a change from which on the residuals are linearised anew at its size: the second order of a change
 δ of a length L is δ²/L, a tenth of the noise for 12 noise units of 20 µm on a lever of 300 mm."""
@@ -220,16 +218,8 @@ def _slips(new: Session, found: Sequence[Candidate]) -> list[tuple[Candidate, Sl
             words=f"{candidate.hypothesis.words}, from row {chosen + 1} on",
         )
         made = Candidate(named, candidate.columns, candidate.scale, candidate.low, candidate.high)
-        out.append((made, Slip(candidate.hypothesis, chosen), columns, _search(by_chance, p)))
+        out.append((made, Slip(candidate.hypothesis, chosen), columns, Search.of(by_chance, p)))
     return out
-
-
-def _search(best: np.ndarray, d: int) -> Search:
-    """What it costs that a group was found as the best of many, from the best χ²(d) of every draw of noise (n,)."""
-    from scipy.special import chdtr
-
-    tries = np.log(RARE) / np.log(chdtr(d, np.quantile(best, RARE)))
-    return Search(float(max(tries, 1.0)), float(max(np.mean(best) - d, 0.0)))
 
 
 def _explanations(asked: _Asked, null: np.ndarray, same_setup: bool, against: tuple[float, float]) -> list[Explanation]:

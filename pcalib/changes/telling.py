@@ -9,6 +9,7 @@ import numpy as np
 from pcalib.changes.results import Changed, Changes, Explanation, Verdict
 from pcalib.diagnosis.hypothesis import Kind
 from pcalib.diagnosis.patterns import spoken
+from pcalib.diagnosis.telling import p_text
 from pcalib.wording import angle, small
 
 HOT = 0.05
@@ -129,11 +130,6 @@ def rows(found: Changes) -> list[tuple[str, str, str, str]]:
     """The hottest findings, a row each."""
     hot = [f for f in found.findings if f.p < HOT][:8]
     return [(f.name, amount(f), f"{f.s:.1f}", p_text(f.p)) for f in hot]
-
-
-def p_text(p: float) -> str:
-    """A corrected p, as Monte Carlo knows it."""
-    return "< 0.001" if p < 1e-3 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
 def as_json(found: Changes) -> dict[str, Any]:

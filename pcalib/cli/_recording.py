@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from pcalib import recordings, units
 from pcalib import robot as robots
 from pcalib.cli._next import say_next
@@ -13,6 +11,7 @@ from pcalib.cli.frame import say, write_json
 from pcalib.data import measurement
 from pcalib.errors import InputError, unknown
 from pcalib.recordings import dwells, pairing
+from pcalib.wording import some_lines
 
 _SHOWN = 12
 """Lines or rows that a sentence spells out."""
@@ -53,9 +52,10 @@ def run(
         say(f"- {note}")
     lost, extra = asked.lines[pairs.lost], read.lines[pairs.extra]
     if len(lost):
-        say(f"- {_counted(len(lost), 'command')} without a reading, on {_lines(lost)} of {commands.name}.")
+        say(f"- {_counted(len(lost), 'command')} without a reading, on {some_lines(lost, _SHOWN)} of {commands.name}.")
     if len(extra):
-        say(f"- {_counted(len(extra), 'reading')} without a command, on {_lines(extra)} of {file.name}, left out.")
+        where = f"{some_lines(extra, _SHOWN)} of {file.name}"
+        say(f"- {_counted(len(extra), 'reading')} without a command, on {where}, left out.")
     say_next("inspect", output, "--robot", robot)
     write_json(json, {
         "schema": "pcalib.import/1", "form": form, "rows": len(data), "paired_by": by, "notes": list(read.notes),
@@ -76,8 +76,3 @@ def _sigma(settings: tuple[str, ...]) -> tuple[float | None, float | None]:
 
 def _counted(n: int, what: str) -> str:
     return f"{n} {what}{'s' * (n > 1)}"
-
-
-def _lines(lines: np.ndarray) -> str:
-    more = ", …" if len(lines) > _SHOWN else ""
-    return f"line{'s' * (len(lines) > 1)} {', '.join(str(int(line)) for line in lines[:_SHOWN])}{more}"

@@ -53,7 +53,7 @@ def finish(
         from pcalib.uncertainty import maps
 
         over = maps.of_model(fitted, effect_files)
-        calibration.write_fit(report, step.after, measured, [telling.step_sentence(step), expected], expected=over)
+        calibration.write_fit(report, step.after, measured, [telling.step_sentence(step), expected], over)
     say(telling.step_sentence(step))
     print()
     show_table(telling.BEFORE_AFTER, telling.before_after(step.before, step.after))

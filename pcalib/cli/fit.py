@@ -130,7 +130,7 @@ def command(
         from pcalib.uncertainty import maps
 
         first = [*([far_off] if said else []), expected, *(doubt.sentence() for doubt in doubts)]
-        calibration.write_fit(report, found, measured, first, expected=maps.of_model(calibrated))
+        calibration.write_fit(report, found, measured, first, maps.of_model(calibrated))
     if said:
         say(far_off)
     show(found)

@@ -258,11 +258,6 @@ class Measurements(Tabled):
         """Indices of the rows to fit."""
         return np.flatnonzero(~self.check)
 
-    @property
-    def check_rows(self) -> np.ndarray:
-        """Indices of the rows held out."""
-        return np.flatnonzero(self.check)
-
 
 def load(path: str | Path, robot: Robot | None = None, measured: bool = True) -> Measurements:
     """Read a measurement file, Parquet where its name ends with .parquet, else CSV.

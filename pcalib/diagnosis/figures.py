@@ -90,9 +90,9 @@ def _tile(x: float, y: float, strength: float) -> Any:
     )
 
 
-def ranking(found: Diagnosis, most: int = 12) -> str:
-    """Candidates by s, those that stand in an adequate set in colour, with the size that would be noise."""
-    shown = [f for f in telling.one_per_effect(found) if f.why is not Why.UNSEEN][:most]
+def ranking(found: Diagnosis) -> str:
+    """The twelve candidates of largest s as bars; those that stand in an adequate set are coloured."""
+    shown = [f for f in telling.one_per_effect(found) if f.why is not Why.UNSEEN][:12]
     with drawing(7.2, 0.8 + 0.3 * len(shown)) as (figure, out):
         axes = figure.subplots()
         for i, f in enumerate(shown):

@@ -19,19 +19,15 @@ from pcalib.diagnosis.telling import one_per_effect, sentence
 from pcalib.fitting.noise_level import NoiseLevel
 
 
-def _micro(value: float) -> float | None:
-    return float(value * 1e6) if np.isfinite(value) else None
-
-
 def noise_json(level: NoiseLevel) -> dict[str, Any]:
     """The noise part of all JSON."""
     return {
         "verified": level.verified,
         "source": level.source,
-        "sigma_pos_um": _micro(level.sigma_pos),
-        "sigma_rot_urad": _micro(level.sigma_rot),
-        "sigma_joint_urad": _micro(level.sigma_q),
-        "encoder_steps_urad": _micro(level.steps),
+        "sigma_pos_um": summary.micro(level.sigma_pos),
+        "sigma_rot_urad": summary.micro(level.sigma_rot),
+        "sigma_joint_urad": summary.micro(level.sigma_q),
+        "encoder_steps_urad": summary.micro(level.steps),
         "ratio_to_stated": [float(r) for r in level.ratio],
         "dof": [float(d) if np.isfinite(d) else None for d in level.dof],
     }
@@ -155,8 +151,8 @@ def comparison_json(c: Comparison) -> dict[str, Any]:
         "worst": [
             {
                 "line": w.line,
-                "error_pos_um": _micro(float(np.linalg.norm(w.error[:3]))),
-                "error_rot_urad": _micro(float(np.linalg.norm(w.error[3:]))),
+                "error_pos_um": summary.micro(float(np.linalg.norm(w.error[:3]))),
+                "error_rot_urad": summary.micro(float(np.linalg.norm(w.error[3:]))),
                 "times_noise": w.times_noise,
                 "set": "check" if w.check else "fit",
                 "outlier": w.outlier,

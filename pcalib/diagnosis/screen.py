@@ -34,6 +34,9 @@ REST = 10
 """Directions outside every group that are enough to be tested as one."""
 KNOWN = 1e6
 """Degrees of freedom from which on a noise level counts as known."""
+RARE = 0.9
+"""Quantile of the best of each draw of noise at which independent tries are counted: neighbouring places of a step, and
+neighbouring frequencies, are nearly one."""
 POWER = 0.9
 """Power at which detection limits are stated, as metrology states them."""
 
@@ -46,6 +49,14 @@ class Search:
     """Independent tries that would reach as far by chance."""
     luck: float = 0.0
     """Square sum, noise units, that the best of them takes of pure noise beyond its number of columns."""
+
+    @classmethod
+    def of(cls, best: np.ndarray, d: int) -> Search:
+        """The cost of a group of d columns, from the best χ²(d) of the same search in every draw of noise (n,)."""
+        from scipy.special import chdtr
+
+        tries = np.log(RARE) / np.log(chdtr(d, np.quantile(best, RARE)))
+        return cls(float(max(tries, 1.0)), float(max(np.mean(best) - d, 0.0)))
 
 
 NOT_SEARCHED = Search()

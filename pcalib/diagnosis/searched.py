@@ -18,8 +18,6 @@ from pcalib.effects.gear_ripple import SCANNED, GearRipple
 
 DRAWS = 256
 """Draws of pure noise on which the search is repeated, to learn what it finds by chance."""
-RARE = 0.9
-"""Quantile of their best at which independent tries are counted: neighbouring frequencies are nearly one."""
 
 
 NEIGHBOUR = 0.95
@@ -94,7 +92,8 @@ def breaks(
     out = []
     for channel, (by_chance, gain, member, shape, place, columns) in best.items():
         weight = (np.arange(N) >= place) * (1.0 if shape == "step" else (tau - tau[place]) / max(1 - tau[place], 1e-9))
-        search = _search(by_chance, int(np.count_nonzero(columns.any(axis=(0, 1)))))  # heights show three of the body's
+        free = int(np.count_nonzero(columns.any(axis=(0, 1))))  # heights show three of the body's
+        search = Search.of(by_chance, free)
         chosen = columns * weight[rank][:, None, None]
         clear = gain > 1.5 * by_chance.max()
         out.append(Break(channel, member, shape, int(order[place]), chosen, search, clear))
@@ -181,13 +180,5 @@ def scanned(point: Point, y: np.ndarray, nuisance: np.ndarray, whiten: Callable)
         best = SCANNED[int(np.argmax([g[-1] for g in gain]))]
         effect = effects.get("gear_ripple", per, robot, cycles=[best])
         assert isinstance(effect, GearRipple)
-        out.append((effect, _search(np.max(gain, axis=0)[:-1], columns[per])))
+        out.append((effect, Search.of(np.max(gain, axis=0)[:-1], columns[per])))
     return out
-
-
-def _search(best: np.ndarray, d: int) -> Search:
-    """From the best χ²(d) of every draw of pure noise (n,)."""
-    from scipy.special import chdtr
-
-    tries = np.log(RARE) / np.log(chdtr(d, np.quantile(best, RARE)))
-    return Search(float(max(tries, 1.0)), float(max(np.mean(best) - d, 0.0)))

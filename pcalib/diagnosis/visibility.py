@@ -49,11 +49,12 @@ def sentence(shares: dict[str, float]) -> str:
     return text + (f"; under {100 * FAINT:.0f} %: {', '.join(faint)}." if faint else ".")
 
 
-def kinship(effect: Effect, robot: Robot, n: int = 60) -> list[str]:
+def kinship(effect: Effect, robot: Robot) -> list[str]:
     """What there is to know before using an effect, one sentence each.
 
-    It is tried on n poses with payloads, tools, directions and temperatures, at full poses in the base frame.
+    It is tried on 60 poses with payloads, tools, directions and temperatures, at full poses in the base frame.
     """
+    n = 60
     at = trial(robot, effect.needs, n)
     model = Model(robot, robot.mechanism.nominal.copy(), "complete")
     conditions = Conditions(at.tool, at.payload, at.columns)

@@ -157,33 +157,3 @@ def analyse(
     ratio = np.zeros(scaled.shape[1])
     ratio[: len(R)] = np.linalg.svd(R, compute_uv=False)  # those of `scaled` itself
     return Identifiability(tuple(names), ratio, R, pivot, np.asarray(prior, float), tuple(units))
-
-
-@dataclass(frozen=True)
-class Indices:
-    """Observability indices of a pose set (Sun & Hollerbach 2008), of the identified directions; larger is better."""
-
-    O1: float
-    """(∏σ)^(1/n)/√m of n singular values σ and m poses; a D-optimal plan has the largest."""
-    O2: float
-    """σ_min/σ_max, the inverse condition number."""
-    O3: float
-    """σ_min."""
-    O4: float
-    """σ_min²/σ_max."""
-    O5: float
-    """1/Σ(1/σ), which one small singular value makes small."""
-
-
-def observability(ratio: np.ndarray, n_poses: int, rank: int | None = None) -> Indices:
-    """O1–O5 of the first `rank` singular values (all above the threshold when absent)."""
-    s = ratio[: int(np.sum(ratio > THRESHOLD)) if rank is None else rank]
-    if len(s) == 0:
-        return Indices(0.0, 0.0, 0.0, 0.0, 0.0)
-    return Indices(
-        O1=float(np.exp(np.mean(np.log(s))) / np.sqrt(n_poses)),
-        O2=float(s[-1] / s[0]),
-        O3=float(s[-1]),
-        O4=float(s[-1] ** 2 / s[0]),
-        O5=float(1.0 / np.sum(1.0 / s)),
-    )

@@ -10,6 +10,7 @@ from pcalib import units, wording
 from pcalib.fitting.evidence import WIDENED
 from pcalib.fitting.result import Caution, Code, Fit
 from pcalib.fitting.scatter import ENOUGH_RESIDUALS
+from pcalib.wording import some_lines
 
 LEFT_OUT = 1.5
 """Warn when rotations that the level leaves out exceed this many σ (RMS): no noise of 20 readings or more does."""
@@ -33,8 +34,6 @@ UNEVEN, RARE = 2.0, 1e-3
 PULLED, LITTLE = 4.0, 0.02
 """Warn of a tracker's target that readings pull so many times as far as noise does, and no less than this share of its
 prior σ: a smaller share cannot be told from rounding."""
-_MOST = 8
-"""Line numbers that a warning spells out."""
 
 
 def cautions(fit: Fit, unsettled: np.ndarray | None = None) -> tuple[Caution, ...]:
@@ -45,7 +44,7 @@ def cautions(fit: Fit, unsettled: np.ndarray | None = None) -> tuple[Caution, ..
     """
     found = [(code, text) for code, check in _CHECKS.items() for text in check(fit)]
     if unsettled is not None:
-        lines = _lines(fit.data.lines[~fit.data.check][unsettled])
+        lines = some_lines(fit.data.lines[~fit.data.check][unsettled])
         text = (
             f"{lines}: the load pushes a gap shut from either side, so that the model's reading there is uncertain by "
             "that gap"
@@ -96,7 +95,7 @@ def _effect_unphysical(fit: Fit) -> Iterator[str]:
 def _little_weight(fit: Fit) -> Iterator[str]:
     lines = fit.data.lines[fit.weight < LIGHT]
     if len(lines):
-        yield f"{_rows(len(lines), 'far from the model')} and of little weight ({_lines(lines)}); look there"
+        yield f"{_rows(len(lines), 'far from the model')} and of little weight ({some_lines(lines)}); look there"
 
 
 def _far_rows(fit: Fit) -> Iterator[str]:
@@ -106,7 +105,7 @@ def _far_rows(fit: Fit) -> Iterator[str]:
     lines = fit.data.lines[fitted][(length > limit) & (fit.weight[fitted] >= LIGHT)]
     if len(lines):
         yield (
-            f"{_lines(lines)}: more than {FAR} times as far from the model as half of all rows; do command and "
+            f"{some_lines(lines)}: more than {FAR} times as far from the model as half of all rows; do command and "
             "measurement belong together? --loss huber gives such rows little weight"
         )
 
@@ -117,8 +116,8 @@ def _far_held_out(fit: Fit) -> Iterator[str]:
     lines = fit.data.lines[check][length > max(APART * fit.accuracy.rms_pos, APART_LEAST)]
     if len(lines):
         yield (
-            f"held-out {_lines(lines)}: more than {APART:.0f} times as far off as the fitted rows; are they of this "
-            "robot, in these units? What is expected of landings counts them"
+            f"held-out {some_lines(lines)}: more than {APART:.0f} times as far off as the fitted rows; are they of "
+            "this robot, in these units? What is expected of landings counts them"
         )
 
 
@@ -132,7 +131,7 @@ def _out_of_reach(fit: Fit) -> Iterator[str]:
     data = fit.data
     lines = data.lines[data.check & data.mask.any(axis=1) & np.isnan(fit.error).all(axis=1)]
     if len(lines):
-        yield f"{_rows(len(lines), 'out of the fitted reach, held out')} and not counted ({_lines(lines)})"
+        yield f"{_rows(len(lines), 'out of the fitted reach, held out')} and not counted ({some_lines(lines)})"
 
 
 def _at_bound(fit: Fit) -> Iterator[str]:
@@ -260,11 +259,6 @@ _CHECKS: dict[Code, Callable[[Fit], Iterator[str]]] = {
     Code.FAR_FROM_DRAWING: _far_from_drawing,
     Code.TARGET_AWAY: _target_away,
 }
-
-
-def _lines(lines: np.ndarray) -> str:
-    more = ", …" if len(lines) > _MOST else ""
-    return f"line{'s' * (len(lines) > 1)} {', '.join(str(int(line)) for line in lines[:_MOST])}{more}"
 
 
 def _rows(n: int, what: str) -> str:

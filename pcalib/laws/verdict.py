@@ -64,9 +64,9 @@ def beside(found: Diagnosis, seed: int = 0) -> Beside | None:
     return Beside(found, proposals, tuple(law.words() for law in rivals[:SHOWN]))
 
 
-def with_laws(found: Diagnosis, seed: int = 0) -> Diagnosis:
+def with_laws(found: Diagnosis) -> Diagnosis:
     """The diagnosis, in which no effect is established where a law explains the data better."""
-    laws = beside(found, seed)
+    laws = beside(found)
     return found if laws is None else laws.found
 
 

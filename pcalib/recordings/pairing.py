@@ -76,7 +76,7 @@ def by_time(readings: np.ndarray, commands: np.ndarray) -> Pairs:
     return _pairs(found, len(readings), len(commands))
 
 
-def by_order(readings: np.ndarray, commands: np.ndarray, close: float = CLOSE) -> Pairs:
+def by_order(readings: np.ndarray, commands: np.ndarray) -> Pairs:
     """Readings (N, 3) and points of commands (M, 3) [m] in one order, of which some may lack on either side.
 
     Raises:
@@ -85,7 +85,7 @@ def by_order(readings: np.ndarray, commands: np.ndarray, close: float = CLOSE) -
     total = len(commands)
     first = np.flatnonzero(np.r_[True, np.linalg.norm(np.diff(commands, axis=0), axis=1) > _SAME])
     last, commands = np.append(first[1:], total) - 1, commands[first]  # a point that is measured again at once is one
-    run = _longest_run(readings, commands, close)
+    run = _longest_run(readings, commands)
     few = InputError(
         f"{len(run)} of {len(readings)} readings follow the commands in order; the rest cannot be placed",
         remedy="check that both files belong together, or pair them by name (--pair name)",
@@ -96,7 +96,7 @@ def by_order(readings: np.ndarray, commands: np.ndarray, close: float = CLOSE) -
     R, t = rotation.registered(readings[keep[:, 0]], commands[keep[:, 1]])
     for _ in range(5):  # rows that do not lie where the others put them leave the run
         off = np.linalg.norm(readings[keep[:, 0]] @ R.T + t - commands[keep[:, 1]], axis=1)
-        good = off < close
+        good = off < CLOSE
         if good.all():
             break
         if good.sum() < 4:
@@ -104,7 +104,7 @@ def by_order(readings: np.ndarray, commands: np.ndarray, close: float = CLOSE) -
         keep = keep[good]
         R, t = rotation.registered(readings[keep[:, 0]], commands[keep[:, 1]])
     away = np.linalg.norm((readings @ R.T + t)[:, None] - commands, axis=-1)  # (N, M)
-    found = _unambiguous(away, close)
+    found = _unambiguous(away)
     members: dict[int, list[int]] = {}
     for r, c in found:
         members.setdefault(c, []).append(r)
@@ -115,14 +115,14 @@ def by_order(readings: np.ndarray, commands: np.ndarray, close: float = CLOSE) -
     return _pairs(dealt, len(readings), total)
 
 
-def _unambiguous(away: np.ndarray, close: float) -> list[tuple[int, int]]:
+def _unambiguous(away: np.ndarray) -> list[tuple[int, int]]:
     """Pairs (reading, command) in rising order, where nothing else is possible.
 
     A reading may belong to a command that it is close to. Where there is one such command it is certain, and a point
     that was read twice is two readings of it. Commands that are visited again are told apart by order, where counts
     agree between neighbours that are certain.
     """
-    possible = away < close
+    possible = away < CLOSE
     n, m = away.shape
     certain = [(r, int(np.argmax(possible[r]))) for r in range(n) if possible[r].sum() == 1]
     certain = [certain[i] for i in _rising([c for _, c in certain])]
@@ -154,7 +154,7 @@ def _rising(values: Sequence[int]) -> list[int]:
     return out[::-1]
 
 
-def _longest_run(readings: np.ndarray, commands: np.ndarray, close: float) -> list[tuple[int, int]]:
+def _longest_run(readings: np.ndarray, commands: np.ndarray) -> list[tuple[int, int]]:
     """The longest chain of pairs in which neighbours are as far apart in both, by dynamic programming."""
     n, m = len(readings), len(commands)
     score, before = np.ones((n, m), int), np.full((n, m, 2), -1)
@@ -163,7 +163,7 @@ def _longest_run(readings: np.ndarray, commands: np.ndarray, close: float) -> li
             d = np.linalg.norm(readings[i] - readings[a])
             for gap in range(1, _SKIPS + 1):
                 j = np.arange(gap, m)
-                fits = np.abs(np.linalg.norm(commands[j] - commands[j - gap], axis=1) - d) < close
+                fits = np.abs(np.linalg.norm(commands[j] - commands[j - gap], axis=1) - d) < CLOSE
                 better = j[fits & (score[a, j - gap] + 1 > score[i, j])]
                 score[i, better] = score[a, better - gap] + 1
                 before[i, better] = np.stack([np.full(len(better), a), better - gap], axis=1)

@@ -83,16 +83,14 @@ def write_fit(
     path: str | Path,
     fit: Fit,
     data: Measurements,
-    said: Sequence[str] = (),
-    following: Sequence[str] = (),
-    expected: Ladder | None = None,
+    said: Sequence[str],
+    expected: Ladder | None,
 ) -> None:
     """The report of a fit, one self-contained HTML file.
 
     Args:
-        expected: the fitted model with what it expects over the workspace.
         said: sentences that stand first, such as how far from the drawing the data are.
-        following: what to do next.
+        expected: the fitted model with what it expects over the workspace.
     """
     model = fit.candidate
     parts = fit_sections(fit, data)
@@ -101,8 +99,6 @@ def write_fit(
     looked = [*said, *(str(w) for w in fit.warnings)]
     if looked:
         parts.insert(0, Section("To be looked at", [Bullets(looked, "warning")]))
-    if following:
-        parts.append(Section("Next", [Bullets(following)]))
     good = fit.status == "converged" and fit.accuracy.at_the_noise and not said
     facts = {
         "data": data.source, "robot": model.robot.name, "level": model.level,

@@ -59,10 +59,8 @@ def expected_maps(what: Ladder) -> list[Section]:
     return [Section("How far off a landing may be", [figure])]
 
 
-def error_maps(what: Ladder, steps: Sequence[int] | None = None) -> Section:
+def error_maps(what: Ladder) -> Section:
     """The error over the workspace before and after calibration, with the tool that had the largest error."""
-    if steps is None:
-        steps = sorted({0, len(what.steps) - 1})
     field = what.maps[what.worst_tool]
     said = ""
     if field.expected is not None:
@@ -71,7 +69,7 @@ def error_maps(what: Ladder, steps: Sequence[int] | None = None) -> Section:
         f"Where the error is, {field.label}",
         [
             Figure(
-                figures.maps(what, what.worst_tool, steps),
+                figures.maps(what, what.worst_tool, sorted({0, len(what.steps) - 1})),
                 "Horizontal slices of the workspace seen from above; z of the TCP in the base frame. Dots are the "
                 f"targets, the circle is the working cylinder; one colour scale for all slices.{said}",
                 "Coloured maps of the error size over slices of the workspace, before and after calibration.",

@@ -34,7 +34,7 @@ def tool_path(index: int, field: ErrorMap) -> str:
     return re.sub(r"[^A-Za-z0-9.]+", "_", field.label).strip("_") + (f"_{index}" if "(" in field.label else "")
 
 
-def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str] = ()) -> None:
+def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str]) -> None:
     """Log one page of markdown per step: its name, its figures, its assumptions, and the caller's `texts`."""
     rr = sdk()
     for s, step in enumerate(ladder.steps):
@@ -52,7 +52,7 @@ def log_step_texts(rec: rr.RecordingStream, ladder: Ladder, texts: Sequence[str]
             lines.append("")
         if step.fit is not None:
             lines += [_fit_line(step), ""]
-        lines += [text for text in texts[s : s + 1]]
+        lines += texts[s : s + 1]
         rec.set_time(TIMELINE, sequence=s)
         rec.log("text/step", rr.TextDocument("\n".join(lines), media_type=rr.MediaType.MARKDOWN))
     rec.reset_time()
@@ -161,7 +161,7 @@ def draw_colour_bar(rec: rr.RecordingStream, path: str, style: Style) -> None:
     chart.text(rec, f"{path}/sizes", at, [round_size(v) for v in scale.decades])
 
 
-def log_parameters(rec: rr.RecordingStream, steps: Sequence[Step], model: Model | None = None) -> None:
+def log_parameters(rec: rr.RecordingStream, steps: Sequence[Step], model: Model | None) -> None:
     """Table of what each step's model (or the one given) has changed from nominal, on the timeline."""
     rr = sdk()
     for s, step in enumerate(steps):

@@ -75,7 +75,7 @@ def test_a_full_file_in_si(tmp_path, delta):
     np.testing.assert_array_equal(data.pose_id, [7, 7, -1, 9, -1])
     np.testing.assert_array_equal(data.check, [False, True, False, False, True])
     np.testing.assert_array_equal(data.fit_rows, [0, 2, 3])
-    np.testing.assert_array_equal(data.check_rows, [1, 4])
+    np.testing.assert_array_equal(np.flatnonzero(data.check), [1, 4])
     np.testing.assert_allclose(data.sigma, np.tile([2e-5] * 3 + [np.deg2rad(0.005)] * 3, (5, 1)))
     assert data.sigma_stated and data.frame == "base" and data.robot_name == "delta"
     np.testing.assert_array_equal(data.lines, [7, 8, 9, 10, 11])

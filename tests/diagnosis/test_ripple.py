@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from pcalib.diagnosis.problem import problem
-from pcalib.diagnosis.searched import _search
+from pcalib.diagnosis.screen import Search
 
 
 @pytest.mark.parametrize(("tries", "d"), [(1, 2), (40, 2), (40, 6)])
 def test_independent_tries_are_counted(tries, d):
     best = np.random.default_rng(0).chisquare(d, (20_000, tries)).max(axis=1)
-    found = _search(best, d)
+    found = Search.of(best, d)
     assert found.trials == pytest.approx(tries, rel=0.1)
     assert found.luck == pytest.approx(best.mean() - d, abs=0.02)
 

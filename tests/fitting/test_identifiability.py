@@ -7,7 +7,7 @@ import pytest
 
 from pcalib import planning, prediction, rotation
 from pcalib.fitting import identifiability
-from pcalib.fitting.identifiability import THRESHOLD, analyse, observability, priors
+from pcalib.fitting.identifiability import THRESHOLD, analyse, priors
 from pcalib.fitting.sufficiency import expected_rank
 from pcalib.mechanics import kinematics
 from pcalib.model import Frame, Model
@@ -199,27 +199,3 @@ def test_frame_columns_are_rigid_motions_of_the_robot(delta, q):
     nominal, moved = (kinematics.forward(mechanism, g, q).pose for g in (mechanism.nominal, k))
     assert np.abs(moved.x - (nominal.x @ rotation.exp(w).T + v)).max() < 1e-12
     assert np.abs(moved.R - rotation.exp(w) @ nominal.R).max() < 1e-12
-
-
-def test_observability_indices_by_hand():
-    """Sun & Hollerbach 2008: (∏σ)^(1/n)/√m, σ_min/σ_max, σ_min, σ_min²/σ_max, 1/Σ(1/σ)."""
-    found = observability(np.array([8.0, 4.0, 2.0, 1e-3]), n_poses=16)
-    assert found.O1 == pytest.approx(4 / 4)
-    assert found.O2 == pytest.approx(2 / 8)
-    assert found.O3 == pytest.approx(2)
-    assert found.O4 == pytest.approx(4 / 8)
-    assert found.O5 == pytest.approx(1 / (1 / 8 + 1 / 4 + 1 / 2))
-    two = observability(np.array([8.0, 4.0, 2.0]), n_poses=4, rank=2)
-    assert (two.O1, two.O3) == pytest.approx((np.sqrt(32) / 2, 4))
-    none = observability(np.array([THRESHOLD / 2]), n_poses=4)
-    assert (none.O1, none.O2, none.O3, none.O4, none.O5) == (0, 0, 0, 0, 0)
-
-
-def test_o1_does_not_change_when_every_pose_is_measured_twice(delta, q):
-    J, _ = design(delta, q)
-    prior = priors(delta.mechanism.units)
-    once = observability(analyse(J, prior, delta.mechanism.parameters).ratio, len(q))
-    twice = observability(analyse(np.vstack([J, J]), prior, delta.mechanism.parameters).ratio, 2 * len(q))
-    assert twice.O1 == pytest.approx(once.O1)
-    assert twice.O2 == pytest.approx(once.O2)
-    assert twice.O3 == pytest.approx(np.sqrt(2) * once.O3)

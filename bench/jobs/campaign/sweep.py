@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import copy
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bench.jobs.campaign.cell import SECTIONS
+from bench.truth import flat
 from pcalib import units
 from pcalib.errors import InputError, unknown
 
@@ -66,7 +67,7 @@ def applied(table: Mapping[str, Any], point: Point) -> dict[str, Any]:
 
 def _axis(number: int, table: Mapping[str, Any], seen: set[str]) -> tuple[Point, ...]:
     where = f"[sweep[{number}]]"
-    lists = dict(_flat(table))
+    lists = dict(flat(table))
     if not lists:
         raise InputError(f"{where} is empty", column="sweep", remedy='for example "plan.poses" = [20, 40, 80]')
     for path, values in lists.items():
@@ -100,15 +101,6 @@ def _distinct(number: int, steps: Sequence[Point]) -> None:
                 remedy="give robot files names of their own, and numbers that differ in their first six digits",
             )  # fmt: skip
         named.add(name)
-
-
-def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """`plan.poses = […]` without quotes is a table in TOML: back to one path."""
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key, value
 
 
 def _put(table: dict[str, Any], path: str, value: Any) -> None:
