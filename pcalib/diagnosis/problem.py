@@ -234,8 +234,8 @@ def _tempered(made: Problem) -> Problem:
     inside = made.y - rest
     clipped = _scatter((inside + tails.clipped(rest, made.classes))[:, None], made)[..., 0]
     blocks = Blocks(made.data.mask, clipped, np.zeros((*made.data.mask.shape, 1)))
-    Q = _scatter(joint_span(made.nuisance, made.groups), made)
-    level = noises.from_rest(made.data, blocks, Q, _luck(made), noises.ENOUGH_BESIDE, joints=False)
+    left = noises.left_over(blocks, _scatter(joint_span(made.nuisance, made.groups), made), _luck(made))
+    level = noises.from_rest(made.data, blocks, left, noises.ENOUGH_BESIDE, joints=False)
     if level is None:
         return made
     tails = replace(tails, size=tails.size / level.ratio)
@@ -268,7 +268,8 @@ def _shaped(made: Problem) -> Problem:
     changed = replace(made, y=y, nuisance=nuisance, serial=serial)
     Q = joint_span(nuisance, changed.groups)
     blocks = Blocks(made.data.mask, _scatter(y[:, None], made)[..., 0], np.zeros((*made.data.mask.shape, 1)))
-    rest = noises.from_rest(made.data, blocks, _scatter(Q, made), _luck(made), noises.ENOUGH_BESIDE, joints=False)
+    left = noises.left_over(blocks, _scatter(Q, made), _luck(made))
+    rest = noises.from_rest(made.data, blocks, left, noises.ENOUGH_BESIDE, joints=False)
     ratio = np.ones(2) if rest is None else rest.ratio
     level = noises.reshaped(made.noise, made.data, ratio, rest, memory)
     by = np.repeat(1.0 / ratio, 3)
@@ -355,17 +356,17 @@ def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
     luck = _luck(made) * (1 - Q.shape[1] / len(made.y))
     enough = noises.ENOUGH_REST if repeated is None else noises.ENOUGH_BESIDE
     joints = repeated is None or repeated.sigma_q > 0
-    Q = _scatter(Q, made)
-    rest = noises.from_rest(made.data, blocks, Q, luck, enough, joints)
+    left = noises.left_over(blocks, _scatter(Q, made), luck)
+    rest = noises.from_rest(made.data, blocks, left, enough, joints)
     if repeated is None:
         level = rest or noises.as_stated(made.data)
     else:
         level = replace(noises.pooled(repeated, rest), excess=noises.excess(repeated, rest))
         if rest is not None and not level.pooled and not repeated.sigma_q:
-            with_joints = noises.from_rest(made.data, blocks, Q, luck, enough)
+            with_joints = noises.from_rest(made.data, blocks, left, enough)
             level = replace(level, repeatable=with_joints.sigma_q if with_joints else 0.0)
     usual = noises.STEPS[made.point.situation.robot.mechanism.actuator_dimension]
-    return noises.with_steps(level, blocks, Q, luck, usual)
+    return noises.with_steps(level, blocks, left, usual)
 
 
 def _luck(made: Problem) -> float:

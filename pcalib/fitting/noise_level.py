@@ -228,29 +228,25 @@ def from_replicates(data: Measurements, blocks: Blocks, V: np.ndarray) -> NoiseL
     return _solve("replicates", data, blocks, normal, dof, ENOUGH_REPLICATES, joints)
 
 
-def from_rest(
-    data: Measurements,
-    blocks: Blocks,
-    Q: np.ndarray,
-    luck: float = 0.0,
-    enough: int = ENOUGH_REST,
-    joints: bool = True,
-) -> NoiseLevel | None:
-    """The level outside geometry and every group; None where too little is left over.
+@dataclass(frozen=True)
+class LeftOver:
+    """Normal equations B·θ = b of MINQUE for the variance components θ, of what lies outside some directions."""
+
+    B: np.ndarray
+    """(components, components)."""
+    b: np.ndarray
+    """(components,)."""
+    dof: np.ndarray
+    """(2,) degrees of freedom of positions and of rotations there."""
+
+
+def left_over(blocks: Blocks, Q: np.ndarray, luck: float = 0.0) -> LeftOver:
+    """The equations of what lies outside Q.
 
     Args:
         Q: (N, 6, d) orthonormal basis of nuisance and all groups, and of replicates that are judged by themselves.
         luck: square sum, noise units, that Q takes beyond its dimensions because it was chosen to suit the noise.
-        enough: degrees of freedom, per class of readings, below which nothing is said.
-        joints: whether joint repeatability may be part of it. Where replicates show none, errors of the joints repeat
-            and are no noise.
     """
-    B, b, dof = _left_over(blocks, Q, luck)
-    return _solve("residuals", data, blocks, lambda theta: (B, b), dof, enough, joints)
-
-
-def _left_over(blocks: Blocks, Q: np.ndarray, luck: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Normal equations B·θ = b of MINQUE outside Q, and the degrees of freedom (2,) of either class there."""
     S = blocks.components()
     flat = Q.reshape(Q.shape[0] * Q.shape[1], Q.shape[-1])  # a level that frees nothing has no columns
     rest = blocks.y - (flat @ (flat.T @ blocks.y.ravel())).reshape(blocks.y.shape)
@@ -262,8 +258,20 @@ def _left_over(blocks: Blocks, Q: np.ndarray, luck: float) -> tuple[np.ndarray, 
             B[k, m] = np.sum(S[k] * S[m]) - 2 * np.sum(SQ[k] * SQ[m]) + np.sum(QSQ[k] * QSQ[m])
     b = np.array([np.einsum("ni,nij,nj->", rest, part, rest) for part in S])
     dof = np.array([np.sum(np.trace(S[k], axis1=1, axis2=2)) - np.trace(QSQ[k]) for k in range(2)])
-    b *= 1 + luck / max(dof.sum() - luck, 1.0)
-    return B, b, dof
+    return LeftOver(B, b * (1 + luck / max(dof.sum() - luck, 1.0)), dof)
+
+
+def from_rest(
+    data: Measurements, blocks: Blocks, rest: LeftOver, enough: int = ENOUGH_REST, joints: bool = True
+) -> NoiseLevel | None:
+    """The level outside geometry and every group; None where too little is left over.
+
+    Args:
+        enough: degrees of freedom, per class of readings, below which nothing is said.
+        joints: whether joint repeatability may be part of it. Where replicates show none, errors of the joints repeat
+            and are no noise.
+    """
+    return _solve("residuals", data, blocks, lambda theta: (rest.B, rest.b), rest.dof, enough, joints)
 
 
 STEPS = {"angle": 2 * np.pi / 2**18 / np.sqrt(12), "length": 5e-6 / np.sqrt(12)}
@@ -273,24 +281,23 @@ FINEST = 1.5
 """Largest share of the usual steps that is counted with the noise. What repeats and is larger is missing physics."""
 
 
-def with_steps(level: NoiseLevel, blocks: Blocks, Q: np.ndarray, luck: float, usual: float) -> NoiseLevel:
+def with_steps(level: NoiseLevel, blocks: Blocks, rest: LeftOver, usual: float) -> NoiseLevel:
     """The level with what the steps of encoders add where they are as the data and usual encoders have them.
 
     The variance is the mean of what is left over, as MINQUE has it, and of the usual one, each weighed by its doubt;
     that of the usual one is as large as itself. Where replicates show that joints repeat worse, steps are part of that.
 
     Args:
-        Q: (N, 6, d) as in :func:`from_rest`.
         usual: [rad or m] 1σ of usual steps, of :data:`STEPS`.
     """
     if level.sigma_q or level.source == "stated":
         return level
-    B, b, dof = _left_over(blocks, Q, luck)
-    known = np.array([*np.flatnonzero(dof >= ENOUGH_BESIDE), 2])
+    known = np.array([*np.flatnonzero(rest.dof >= ENOUGH_BESIDE), 2])
     value, weight = usual**2, 0.0
     share = blocks.per_joint()
     if len(known) > 1:
-        theta, doubt = np.linalg.lstsq(B[np.ix_(known, known)], b[known], rcond=None)[0], np.linalg.pinv(B)
+        theta = np.linalg.lstsq(rest.B[np.ix_(known, known)], rest.b[known], rcond=None)[0]
+        doubt = np.linalg.pinv(rest.B)
         unit = blocks.scaled()[1][0] ** 2
         sigma = np.sqrt(2 * doubt[2, 2]) * unit * float(np.mean(level.ratio**2))
         weight = usual**4 / (usual**4 + sigma**2)

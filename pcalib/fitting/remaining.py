@@ -76,7 +76,7 @@ def remaining(model: Model, data: Measurements, unknowns: Unknowns, half: np.nda
     joints = noise.padded(np.nan_to_num(joint_response(model, data, linear.prediction.pose)))
     blocks = Blocks(noise.measured, scatter(linear.residual[:, None])[..., 0], joints)
     taken = span(linear.jacobian * unknowns.scale, VISIBLE)
-    level = noise_level.from_rest(data, blocks, scatter(taken), enough=ENOUGH)
+    level = noise_level.from_rest(data, blocks, noise_level.left_over(blocks, scatter(taken)), ENOUGH)
     if level is None:
         return None
     whitener = noise_level.whitener(level, blocks)

@@ -47,6 +47,11 @@ def replicated(data, made, drift=None):
     return level
 
 
+def unfitted(made):
+    """The equations of residuals to which nothing was fitted."""
+    return noises.left_over(made, np.zeros((N, 6, 0)))
+
+
 def totals(levels):
     """(n, 2) noise of positions and rotations, all told, in stated units."""
     return np.array([[level.sigma_pos / 15e-6, level.sigma_rot / 60e-6] for level in levels])
@@ -87,7 +92,8 @@ class TestVarianceComponents:
         for s in range(150):
             made = blocks(np.random.default_rng(s), 1.3, 1.3)
             hidden = np.einsum("nid,d->ni", Q, 50 * np.random.default_rng(s).standard_normal(120))
-            level = noises.from_rest(data, replace(made, y=made.y + hidden), Q)
+            made = replace(made, y=made.y + hidden)
+            level = noises.from_rest(data, made, noises.left_over(made, Q))
             assert level is not None
             got.append(level)
         square = totals(got) ** 2
@@ -128,7 +134,8 @@ class TestVarianceComponents:
         got = []
         for s in range(150):
             made = blocks(np.random.default_rng(s))
-            levels = noises.from_replicates(data, made, V), noises.from_rest(data, made, both, enough=20)
+            rest = noises.from_rest(data, made, noises.left_over(made, both), enough=20)
+            levels = noises.from_replicates(data, made, V), rest
             got.append([totals([level])[0, 0] ** 2 for level in levels])
         assert abs(np.corrcoef(np.transpose(got))[0, 1]) < 0.2
         np.testing.assert_allclose(np.mean(got, axis=0), 1.0, rtol=0.05)
@@ -153,7 +160,7 @@ class TestVarianceComponents:
             Q = basis[:, best].reshape(N, 6, 5)
             luck = np.mean([np.sort(np.random.default_rng(i).chisquare(1, 100))[-5:].sum() - 5 for i in range(400)])
             for found, paid in ((plain, 0.0), (mended, float(luck))):
-                level = noises.from_rest(data, made, Q, paid)
+                level = noises.from_rest(data, made, noises.left_over(made, Q, paid))
                 assert level is not None
                 found.append(totals([level]).mean() ** 2)
         assert np.mean(plain) < 0.97
@@ -172,16 +179,17 @@ class TestVarianceComponents:
             off = share * usual * np.einsum("nij,nj->ni", joint, rng.standard_normal((N, joint.shape[-1])))
             made = replace(made, joint=joint, y=made.y + off * made.measured)
             level = replace(noises.as_stated(data), source="residuals", dof=np.full(2, 100.0))
-            found.append(noises.with_steps(level, made, np.zeros((N, 6, 0)), 0.0, usual).steps / usual)
+            found.append(noises.with_steps(level, made, unfitted(made), usual).steps / usual)
         assert np.mean(found) == pytest.approx(min(share, noises.FINEST), abs=0.15)
 
     def test_steps_are_the_usual_ones_where_the_data_do_not_know_them(self, data):
         made = blocks(np.random.default_rng(0))
         small = 0.02 / np.sqrt(np.mean(made.per_joint()))
         level = replace(noises.as_stated(data), source="residuals", dof=np.full(2, 100.0))
-        got = noises.with_steps(level, made, np.zeros((N, 6, 0)), 0.0, small)
+        rest = unfitted(made)
+        got = noises.with_steps(level, made, rest, small)
         assert got.steps == pytest.approx(small, rel=0.05) and got.ratio == pytest.approx(np.ones(2), abs=1e-3)
-        assert noises.with_steps(replace(level, sigma_q=1e-5), made, np.zeros((N, 6, 0)), 0.0, small).steps == 0
+        assert noises.with_steps(replace(level, sigma_q=1e-5), made, rest, small).steps == 0
 
     def test_by_how_much_the_rest_exceeds_replicates(self):
         few = noises.NoiseLevel("replicates", np.ones(2), np.full(2, 50.0), 0.0, 1e-5, 1e-5, (True, True))
