@@ -100,13 +100,13 @@ class Sensor(ABC):
         """
         return None
 
-    @abstractmethod
     def blocks(self, to: str, options: Options) -> tuple[Block, ...]:
-        """The unknowns of a set-up, without values. Blocks of one name are one, whatever is measured to."""
+        """The unknowns of a set-up, without values; none here. Blocks of one name are one, whatever is measured to."""
+        return ()
 
-    @abstractmethod
     def start(self, scene: Scene, value: np.ndarray, to: str, options: Options) -> tuple[np.ndarray, ...]:
         """First values of each block, from poses as drawn and readings (n, s) there, NaN where there is none."""
+        return ()
 
     @abstractmethod
     def see(self, scene: Scene, theta: Sequence[np.ndarray]) -> Seen:

@@ -40,7 +40,7 @@ class Distance(Sensor):
         return point(text) * _UNITS[place.group(2)] if place else None
 
     def blocks(self, to: str, options: Options) -> tuple[Block, ...]:
-        """The place of the station, and where it is asked for the error of the bar's length."""
+        """The place of the station, and where `distance_offset` is unknown the error of the bar's length."""
         out = (Block(f"station {to}", ("x", "y", "z"), ("m",) * 3, np.full(3, _ANYWHERE)),)
         if options.get("distance_offset") == "unknown":
             out += (Block("bar", ("offset",), ("m",), np.array([_LENGTH])),)

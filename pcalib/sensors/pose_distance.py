@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pcalib.sensors.base import Block, Options, Scene, Seen, Sensor
+from pcalib.sensors.base import Scene, Seen, Sensor
 
 
 class PoseDistance(Sensor):
@@ -20,14 +20,6 @@ class PoseDistance(Sensor):
     usual_sigma: ClassVar[float] = 5e-6
     to: ClassVar[str | None] = "from"
     between: ClassVar[bool] = True
-
-    def blocks(self, to: str, options: Options) -> tuple[Block, ...]:
-        """Nothing is unknown."""
-        return ()
-
-    def start(self, scene: Scene, value: np.ndarray, to: str, options: Options) -> tuple[np.ndarray, ...]:
-        """Nothing is unknown."""
-        return ()
 
     def see(self, scene: Scene, theta: Sequence[np.ndarray]) -> Seen:
         """Derivatives are the unit vectors between both points."""

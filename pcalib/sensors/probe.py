@@ -85,7 +85,7 @@ def _normal(plane: np.ndarray) -> np.ndarray:
 
 
 def _turn(normal: np.ndarray) -> np.ndarray:
-    """(2,) rx, ry of a unit vector."""
+    """(2,) rotation vector about x and y [rad] that turns the z axis into a unit normal (3,)."""
     angle, side = np.arccos(np.clip(normal[2], -1.0, 1.0)), np.array([-normal[1], normal[0]])
     size = np.linalg.norm(side)
     return angle * (side / size if size > 0 else np.array([1.0, 0.0]))

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from pcalib import rotation
-from pcalib.sensors.base import Block, Options, Scene, Seen, Sensor
+from pcalib.sensors.base import Scene, Seen, Sensor
 
 
 class RotationComponent(Sensor):
@@ -20,14 +20,6 @@ class RotationComponent(Sensor):
     sigma: ClassVar[str] = "sigma_rot"
     usual_sigma: ClassVar[float] = 60e-6
     partial: ClassVar[bool] = True
-
-    def blocks(self, to: str, options: Options) -> tuple[Block, ...]:
-        """Nothing is unknown."""
-        return ()
-
-    def start(self, scene: Scene, value: np.ndarray, to: str, options: Options) -> tuple[np.ndarray, ...]:
-        """Nothing is unknown."""
-        return ()
 
     def see(self, scene: Scene, theta: Sequence[np.ndarray]) -> Seen:
         """See the class."""
