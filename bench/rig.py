@@ -63,10 +63,9 @@ class Rig:
         return bool(moved)
 
     def load(self, joint: str) -> float:
-        """Return what a held or actuated joint has to carry [N·m or N], positive where it pushes towards positive
-        values.
+        """Return what a held or actuated joint has to carry [N·m or N] in the row that was solved last.
 
-        Known after the row has been solved.
+        It is positive where the joint pushes towards positive values.
         """
         assert self.equilibrium is not None, "a fault that asks for loads must say so: loaded = True"
         return float(self.equilibrium.reaction[self.model.joint(joint).dofadr[0]])

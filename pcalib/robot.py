@@ -27,7 +27,7 @@ MODELS = next(
 _FORM = "see models/delta.toml for the form"
 SECTIONS = ("name", "kind", "geometry", "joints", "mass", "workspace", "gravity", "drive")
 MOST_TURNS = 1e4
-"""Turns of a motor that drives a leg: its travel over the pitch of a fine screw."""
+"""Largest number of motor turns over the travel of a leg: the travel over the pitch of a fine screw."""
 WORKSPACE = (
     kinds.size("radius"),
     kinds.offset("z_min"),

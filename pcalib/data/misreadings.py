@@ -374,7 +374,7 @@ def _axes(M: np.ndarray, names: Sequence[str]) -> str:
 
 
 def _orders(n: int) -> Iterator[tuple[int, ...]]:
-    """Orders in which n drives may be numbered: all of a few; shifts, reversals and exchanges of many."""
+    """Wrong orders of n drives: every one up to four drives, else shifts, reversals and exchanges of two."""
     same = tuple(range(n))
     if n <= 4:
         yield from sorted((o for o in permutations(same) if o != same), key=lambda o: sum(np.array(o) != same))

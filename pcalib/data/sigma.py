@@ -24,7 +24,7 @@ AXES = {f"sigma_{axis}": dimension for axis, dimension in zip(
 _SHOWN = {"length": "mm", "angle": "deg"}
 _AXES = (slice(0, 3), slice(3, 6))
 _ROUNDING = 1e-9
-"""Share of a variance below which a difference is rounding: files keep some fifteen digits."""
+"""Two variances that differ by less than this share are equal: files keep some fifteen digits."""
 
 
 def stated(columns: Columns, key: str, common: float | str | None) -> np.ndarray | float | None:

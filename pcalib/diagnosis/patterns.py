@@ -41,7 +41,7 @@ BREAKS = {"step": "a step", "slope": "a change of slope"}
 FINE = "q, in fine waves"
 """Variable of errors that go up and down many times over the range of a motor."""
 BY_POSE = {"q", "place", FINE}
-"""Variables that the commands alone decide."""
+"""Variables that follow from the commands alone."""
 
 
 @dataclass(frozen=True)

@@ -288,8 +288,8 @@ class Misfit:
 def misfit(screen: Screen) -> Misfit:
     """The misfit of a model against the noise level of its problem.
 
-    Where that level was read off what no group holds, only what groups hold is tested against it: else the same
-    residuals would stand above and below the line.
+    Where the noise level was estimated from residuals outside all groups, only the residuals inside the groups are
+    tested, so that no residual is compared with itself.
     """
     total, dof = float(screen.residual @ screen.residual), screen.free
     if dof < 1:

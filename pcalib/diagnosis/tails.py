@@ -30,11 +30,11 @@ class Tails:
     """How heavy tails are met: residuals are clipped, and what is left has a standard deviation of 1."""
 
     widened: float
-    """By how much they make the variance of a χ² of readings that are not clipped larger than normal noise does."""
+    """Variance of the χ² of readings that are not clipped, over that of normal noise."""
     most: np.ndarray
     """(2,) noise units beyond which positions and rotations are clipped."""
     size: np.ndarray
-    """(2,) factor for what is left."""
+    """(2,) factor by which clipped positions and rotations are multiplied."""
 
     def clipped(self, z: np.ndarray, classes: np.ndarray) -> np.ndarray:
         """Residuals z (M,) of classes (M,) 0 and 1, so that normal noise stands for theirs."""
@@ -43,8 +43,13 @@ class Tails:
 
 
 def tails_of(z: np.ndarray, dof: int, sure: float) -> float:
-    """By how much the variance of Σz² is larger than that of normal noise of the same size: 1 + γ/2 with γ the excess
-    of the kurtosis (Box 1953); 1 where γ is not so many standard errors above 0."""
+    """Variance of Σz² over that of normal noise of the same size: 1 + γ/2 with the excess kurtosis γ (Box 1953).
+
+    Args:
+        z: residuals in noise units.
+        dof: their degrees of freedom.
+        sure: standard errors above 0 from which on γ counts; below, the ratio is 1.
+    """
     if dof < 1 or not len(z):
         return 1.0
     excess = float(np.mean(z**4) / max(np.mean(z**2), 1e-300) ** 2 - 3)

@@ -52,29 +52,28 @@ class NoiseLevel:
     sigma_q: float
     """[rad or m] 1σ joint repeatability; 0 where it is not seen."""
     sigma_pos: float
-    """[m] RMS noise per component over the rows, all told; NaN where no positions are measured."""
+    """[m] RMS noise of a component of position over the rows, from all causes; NaN where no positions are measured."""
     sigma_rot: float
-    """[rad] the same."""
+    """[rad] RMS noise of a component of rotation, in the same way."""
     stated: tuple[bool, bool]
     """Whether the file states σ of positions and of rotations."""
     lever: float = 0.0
-    """[rad] 1σ of the part of the rotation's noise that also moves the measured point, about the plate's origin; 0
-    where it is not seen."""
+    """[rad] 1σ of the error of the seen rotation that also moves the measured point about the plate's origin; 0 where
+    the data show none."""
     steps: float = 0.0
-    """[rad or m] 1σ of the errors that the steps of encoders leave, which repeat and are counted with the noise."""
+    """[rad or m] 1σ of the errors left by the steps of encoders. They repeat, and are counted as noise all the same."""
     repeatable: float = 0.0
-    """[rad or m] errors of the joints that what is left over shows and replicates do not: they repeat, so they are no
-    noise."""
+    """[rad or m] 1σ of joint errors that residuals show and replicates do not: they repeat, so they are no noise."""
     memory: Memory | None = None
-    """Its correlation in time, where there is one."""
+    """Correlation of the noise in time; None where the noise is white."""
     close: bool = False
-    """Replicates lie too close in time to stand for correlated noise."""
+    """Whether replicates lie too close in time to show correlated noise."""
     excess: float = 0.0
-    """By how much what lies outside every effect and pattern scatters more than replicates, in standard errors."""
+    """By how many standard errors residuals outside every effect and pattern scatter more than replicates."""
     rest_share: float = 0.0
-    """Share of it, where it is pooled, that comes from what lies outside every effect and pattern."""
+    """Share of the degrees of freedom that comes from these residuals, where they are pooled with replicates."""
     pooled: bool = False
-    """What lies outside every effect and pattern agrees with the replicates, and is counted in."""
+    """Whether these residuals agree with the replicates and are pooled with them."""
 
     @property
     def total(self) -> tuple[float, float]:
@@ -348,7 +347,7 @@ AGREE = 0.01
 
 
 def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
-    """Replicates sharpened by what else is left over, where that agrees with them: a few replicates are a poor ruler.
+    """The level of replicates and of the other residuals together, where the two agree: few replicates know it badly.
 
     The two must share no directions, else what they share would count twice.
     """

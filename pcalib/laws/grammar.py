@@ -29,7 +29,7 @@ class Law:
 
     @property
     def chosen(self) -> tuple[int, ...]:
-        """Places that deviate."""
+        """Indices into `places` at which the law acts."""
         return tuple(range(len(self.places))) if self.sharing in (COMMON, EACH) else (self.places.index(self.sharing),)
 
     @property
@@ -42,7 +42,7 @@ class Law:
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        """One amplitude each, in the unit of the channel."""
+        """An effect parameter for every amplitude, in the unit of the channel."""
         return tuple(EffectParameter(name, self.channel.unit, self.channel.size) for name in self.amplitudes)
 
     @property
@@ -52,7 +52,7 @@ class Law:
 
     @property
     def complexity(self) -> int:
-        """Amplitudes, and the constant where it was searched for."""
+        """Number of amplitudes, and one more where the constant of the term was searched for."""
         return self.columns + self.term.shape.searched
 
     @property

@@ -25,17 +25,18 @@ class Proposal:
     beside: tuple[Candidate, ...]
     """The listed effect beside which the law stands, where there is one."""
     theta: tuple[np.ndarray, ...]
+    """[SI] fitted amplitudes, one array (p,) for each law."""
     sigma: tuple[np.ndarray, ...]
-    """[SI] Amplitudes of each law and their 1σ."""
+    """[SI] 1σ of these amplitudes."""
     s: float
     """Norm of the fitted signal, noise units."""
     p: float
-    """Of the best law of the grammar, corrected for all laws that were tried."""
+    """p of the best law of the grammar, corrected for all laws that were tried."""
     bic: float
     adequate: bool
-    """No listed effect and no pattern improves on it."""
+    """Whether no listed effect and no pattern improves the fit further."""
     rest: float
-    """Smallest p of what could still improve on it."""
+    """Smallest p of all listed effects and patterns that could still improve the fit."""
     listed: tuple[str, ...]
     """Listed effects that fit this signal as well."""
     signal: np.ndarray

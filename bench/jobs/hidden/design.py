@@ -67,7 +67,7 @@ class Design:
         return Instrument(kind=kind, **settings)
 
     def measuring(self, noisy: bool = True) -> tuple[Sensor, ...]:
-        """Return the sensors; QUIET times their noise where there shall be none, which states σ all the same."""
+        """Return the sensors; without noise their σ is multiplied by QUIET, so that the file still states one."""
         made = [sensors.make(name, table) for name, table in self.sensors.items()]
         for sensor in made:
             sensor.values = {**sensor.values, "sigma": sensor.values["sigma"] * (1.0 if noisy else QUIET)}
