@@ -16,7 +16,7 @@ class PcalibError(Exception):
     """Base of all errors that pcalib and the bench raise on purpose."""
 
 
-class Code(Enum):
+class BadInput(Enum):
     """Kinds of bad input by which a caller decides; no caller reads the text of a message."""
 
     OTHER = "other"
@@ -39,7 +39,7 @@ class InputError(PcalibError):
         self,
         problem: str,
         *,
-        code: Code = Code.OTHER,
+        code: BadInput = BadInput.OTHER,
         key: str | None = None,
         section: str | None = None,
         file: str | Path | None = None,

@@ -11,7 +11,7 @@ from pcalib import rotation, wording
 from pcalib.data import orientation
 from pcalib.data.columns import TEMPERATURES
 from pcalib.data.measurement import Measurements
-from pcalib.data.replicates import Noise, groups
+from pcalib.data.replicates import ReplicateScatter, groups
 from pcalib.fitting import as_drawn, mixups
 from pcalib.fitting.as_drawn import Nominal
 from pcalib.fitting.mixups import Judgement
@@ -216,7 +216,7 @@ def conditions(data: Measurements) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def noise_level(data: Measurements, noise: Noise) -> Iterator[Finding]:
+def noise_level(data: Measurements, noise: ReplicateScatter) -> Iterator[Finding]:
     """What is known of the noise."""
     keys = ("positions (# sigma_pos_mm)", "rotations (# sigma_rot_deg)")
     lacking = [k for k, said, seen in zip(keys, data.stated, data.kinds, strict=True) if seen and not said]
@@ -396,7 +396,7 @@ def against_nominal(data: Measurements, nominal: Nominal, judged: Judgement) -> 
         yield Finding("warning", "far_rows", apart)
 
 
-def verified(noise: Noise) -> bool:
+def verified(noise: ReplicateScatter) -> bool:
     """Whether replicates say enough about the noise for verdicts to rest on it."""
     return noise.dof_pos + noise.dof_rot >= ENOUGH_DOF
 

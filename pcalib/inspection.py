@@ -12,7 +12,7 @@ from pcalib import findings, wording
 from pcalib.data import replicates
 from pcalib.data.columns import TEMPERATURES
 from pcalib.data.measurement import Measurements
-from pcalib.data.replicates import Noise
+from pcalib.data.replicates import ReplicateScatter
 from pcalib.findings import Finding, is_direction, span, verified
 from pcalib.fitting import as_drawn, mixups
 from pcalib.fitting.as_drawn import Nominal
@@ -78,7 +78,7 @@ def _median(data: Measurements, axes: slice) -> float:
     return float(np.median(data.sigma[:, axes][seen] if seen.any() else data.sigma[:, axes]))
 
 
-def _facts(data: Measurements, robot: Robot | None, noise: Noise, nominal: Nominal | None) -> dict[str, Any]:
+def _facts(data: Measurements, robot: Robot | None, noise: ReplicateScatter, nominal: Nominal | None) -> dict[str, Any]:
     place = ~np.isnan(data.position)
     whole, some, turned = place.all(axis=1), place.any(axis=1), data.turned
     scale = np.rad2deg(1.0) if data.actuator_dimension == "angle" else 1e3

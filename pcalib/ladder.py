@@ -19,7 +19,7 @@ from pcalib.wording import size
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
+class ResidualPlot:
     """Residuals against the variable that explains most of them, and the curve that a candidate fits to them."""
 
     variable: str
@@ -35,7 +35,7 @@ class Scatter:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateBar:
     """One explanation of the residuals of a step, and how strongly the data support it."""
 
     name: str
@@ -58,9 +58,9 @@ class Step:
     text: str = ""
     """What the step assumes and what it cannot see, in plain sentences."""
     fit: Fit | None = None
-    candidates: tuple[Candidate, ...] = ()
+    candidates: tuple[CandidateBar, ...] = ()
     """Explanations of the residuals, the strongest first."""
-    scatter: Scatter | None = None
+    scatter: ResidualPlot | None = None
 
 
 @dataclass(frozen=True, eq=False)

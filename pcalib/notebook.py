@@ -18,7 +18,7 @@ from pcalib.diagnosis.compare import Comparison
 from pcalib.diagnosis.diagnose import Diagnosis
 from pcalib.fitting.identification import Fit
 from pcalib.report import calibration
-from pcalib.report.page import Bullets, Facts, Page, Section, Table
+from pcalib.report.page import Bullets, NamedValues, Page, Section, Table
 from pcalib.report.page import html as rendered
 from pcalib.wording import figure
 
@@ -66,7 +66,7 @@ def _(result: Compensated) -> Page:
 def _(result: Measurements) -> Page:
     found = inspection.inspect(result)
     lines = [f"{f.level}: {f.message} {f.remedy}".rstrip() for f in found.findings]
-    about = Section("What the file holds", [Facts(dict(inspection.words(found.facts))), Bullets(lines)])
+    about = Section("What the file holds", [NamedValues(dict(inspection.words(found.facts))), Bullets(lines)])
     return Page("", result.source or "Measurements", [about, Section("Rows", [_table(columns(result))])])
 
 

@@ -16,7 +16,6 @@ from pcalib.fitting.identifiability import priors
 from pcalib.model import Model
 from pcalib.prediction import Conditions
 from pcalib.robot import Robot
-from pcalib.workspace import allowed as allowed
 from pcalib.workspace import reachable as reachable
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pcalib import units
-from pcalib.errors import Code, InputError, unknown
+from pcalib.errors import BadInput, InputError, unknown
 
 REQUIRED = None
 """Default of a setting that must be given."""
@@ -93,7 +93,7 @@ def read(
         if key not in used:
             accepted = [name for s in settings for name in s.spellings.split(", ")]
             problem = f"[{where}] {unknown('key', key, accepted)}"
-            raise InputError(problem, code=Code.UNKNOWN_KEY, section=where, key=key)
+            raise InputError(problem, code=BadInput.UNKNOWN_KEY, section=where, key=key)
     out: dict[str, Any] = {}
     for setting in settings:
         if setting.name in found:

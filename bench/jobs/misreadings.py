@@ -32,7 +32,7 @@ ROWS = 30
 
 
 @dataclass(frozen=True)
-class Trial:
+class Misread:
     """One misread file."""
 
     kind: str
@@ -65,7 +65,7 @@ def right_file(robot: Robot, rng: np.random.Generator, frame: str = "base", full
     )
 
 
-def misread(kind: str, seed: int = 0, every: int = 1) -> Iterator[Trial]:
+def misread(kind: str, seed: int = 0, every: int = 1) -> Iterator[Misread]:
     """The entries of the table, or one of so many, each with a right file as someone with that mistake writes it."""
     robot = robots.load(MODELS / f"{kind}.toml")
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode())])
@@ -77,7 +77,7 @@ def misread(kind: str, seed: int = 0, every: int = 1) -> Iterator[Trial]:
         here = found.distance
         visible = here is None or not here.near or here.cost > mixups.OFF**2 * here.readings
         said = "; ".join(words for _, words, *_ in (*found.readings, *found.numbers)) or "nothing"
-        yield Trial(kind, entry, visible, any(words == entry.words for _, words, _ in found.readings), said)
+        yield Misread(kind, entry, visible, any(words == entry.words for _, words, _ in found.readings), said)
 
 
 def false_alarms(count: int, seed: int = 0, tried: int = 20) -> Iterator[tuple[str, str]]:

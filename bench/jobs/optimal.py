@@ -10,7 +10,7 @@ from bench import plan as plans
 from bench.commands import Commands
 from bench.instrument import MEASURED, Instrument
 from pcalib import planning
-from pcalib.data import measurement
+from pcalib.data import sigma
 from pcalib.robot import Robot
 
 CANDIDATES = 600
@@ -44,8 +44,8 @@ def make(
         robot,
         n,
         tools=np.array(tools) if len(tools) else None,
-        sigma_pos=float(np.hypot(v["sigma_pos"], v["sigma_distance"] * distance)) or measurement.DEFAULT_SIGMA_POS,
-        sigma_rot=v["sigma_rot"] or measurement.DEFAULT_SIGMA_ROT,
+        sigma_pos=float(np.hypot(v["sigma_pos"], v["sigma_distance"] * distance)) or sigma.DEFAULT_SIGMA_POS,
+        sigma_rot=v["sigma_rot"] or sigma.DEFAULT_SIGMA_ROT,
         measured=MEASURED[v["kind"]],
         candidates=candidates,
         seed=seed,

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from pcalib.changes.session import Session
+from pcalib.changes.session import LinearisedSession
 from pcalib.diagnosis.candidates import Candidate
 from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.patterns import Cell
@@ -56,7 +56,7 @@ class Changed:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class ChangeSet:
     """One smallest set of changes that explains the session."""
 
     members: tuple[Changed, ...]
@@ -78,7 +78,7 @@ class Changes:
     """What changed between the session of the model and this one."""
 
     verdict: Verdict
-    sets: tuple[Explanation, ...]
+    sets: tuple[ChangeSet, ...]
     """The smallest adequate sets, by BIC; empty where nothing changed, or nothing explains what did."""
     findings: tuple[Changed, ...]
     """Every part, effect and slip on its own, hottest first."""
@@ -91,7 +91,7 @@ class Changes:
     p: float
     """Of the smallest p of all that was looked at."""
     critical: float
-    session: Session
+    session: LinearisedSession
 
     @property
     def established(self) -> tuple[str, ...]:

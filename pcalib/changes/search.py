@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from pcalib import prediction, rotation
-from pcalib.changes.results import Changed, Changes, Explanation, Slip, Verdict
-from pcalib.changes.session import FRAME_PRIOR, Session, at, session
+from pcalib.changes.results import Changed, Changes, ChangeSet, Slip, Verdict
+from pcalib.changes.session import FRAME_PRIOR, LinearisedSession, at, session
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.candidates import Candidate, candidates
@@ -71,9 +71,9 @@ def changes(
     null = adequacy.null_distribution(asked.screen)
     critical = float(np.quantile(null, alpha))
     p = float(adequacy.corrected(start.smallest, null))
-    sets: list[Explanation] = []
+    sets: list[ChangeSet] = []
     if start.smallest < critical:
-        sets = _explanations(asked, null, same_setup, against)
+        sets = _change_sets(asked, null, same_setup, against)
     verdict = _decide(sets) if start.smallest < critical else Verdict.NOTHING
     n = len(asked.candidates)
     findings = [asked.finding(g, float(adequacy.corrected(start.p[g], null)), critical) for g in range(n)]
@@ -95,14 +95,14 @@ def changes(
 class _Asked:
     """A session with everything that may have changed in it."""
 
-    session: Session
+    session: LinearisedSession
     candidates: tuple[Candidate, ...]
     slips: tuple[Slip | None, ...]
     patterns: list
     screen: Screen
 
     @classmethod
-    def of(cls, new: Session, seed: int, slips: bool = True) -> _Asked:
+    def of(cls, new: LinearisedSession, seed: int, slips: bool = True) -> _Asked:
         point = new.point
         found = [Candidate.of(h, point) for h in hypotheses(new.model)]
         found += [c for c in candidates(point)[0] if c.hypothesis.kind is Kind.EFFECT and _simplest(c)]
@@ -185,7 +185,7 @@ def _simplest(candidate: Candidate) -> bool:
     return candidate.spec == candidate.name or candidate.search.trials > 1
 
 
-def _slips(new: Session, found: Sequence[Candidate]) -> list[tuple[Candidate, Slip, np.ndarray, Search]]:
+def _slips(new: LinearisedSession, found: Sequence[Candidate]) -> list[tuple[Candidate, Slip, np.ndarray, Search]]:
     """The best place of a slip for every part that can slip, and what the search for it costs."""
     rows = len(new.data)
     places = np.arange(EDGE, rows - EDGE + 1)
@@ -222,7 +222,7 @@ def _slips(new: Session, found: Sequence[Candidate]) -> list[tuple[Candidate, Sl
     return out
 
 
-def _explanations(asked: _Asked, null: np.ndarray, same_setup: bool, against: tuple[float, float]) -> list[Explanation]:
+def _change_sets(asked: _Asked, null: np.ndarray, same_setup: bool, against: tuple[float, float]) -> list[ChangeSet]:
     """The smallest adequate sets, single changes first, then pairs; the best BIC first.
 
     A part with very many directions, as the plate with all its joints, stands beside the pairs: it can imitate them.
@@ -252,7 +252,7 @@ def _explanations(asked: _Asked, null: np.ndarray, same_setup: bool, against: tu
     return _ordered([e for c in best if (e := _refined(asked, c, same_setup, against[1]))])
 
 
-def _explained(asked: _Asked, chosen: Sequence[int]) -> Explanation:
+def _explained(asked: _Asked, chosen: Sequence[int]) -> ChangeSet:
     screened = asked.screen
     theta, sigma = screened.estimate(list(chosen))
     Q = screened.joint(list(chosen))
@@ -263,17 +263,17 @@ def _explained(asked: _Asked, chosen: Sequence[int]) -> Explanation:
         nothing = np.full(len(value), np.inf)
         members.append(Changed(asked.candidates[g], value, spread, s, 0.0, nothing, asked.slips[g], asked.before(g)))
     columns = sum(len(m.theta) + (m.slip is not None) for m in members)
-    return Explanation(tuple(members), rest + columns * float(np.log(len(asked.session.y))))
+    return ChangeSet(tuple(members), rest + columns * float(np.log(len(asked.session.y))))
 
 
-def _ordered(found: Sequence[Explanation]) -> list[Explanation]:
+def _ordered(found: Sequence[ChangeSet]) -> list[ChangeSet]:
     """The sets by BIC; a slip is named only where no change that holds for the whole session does as well."""
     ordered = sorted(found, key=lambda e: e.bic)
     constant = min((e.bic for e in ordered if not e.slips), default=np.inf)
     return [e for e in ordered if not (e.slips and e.bic > constant)]
 
 
-def _decide(sets: Sequence[Explanation]) -> Verdict:
+def _decide(sets: Sequence[ChangeSet]) -> Verdict:
     """The verdict on the adequate sets of something that changed, the best BIC first.
 
     A joint that moved also fits as the whole arm that carries it. Such wider parts are no rivals where the data prefer
@@ -286,7 +286,7 @@ def _decide(sets: Sequence[Explanation]) -> Verdict:
     return Verdict.ESTABLISHED if clear else Verdict.AMBIGUOUS
 
 
-def _within(small: Explanation, large: Explanation) -> bool:
+def _within(small: ChangeSet, large: ChangeSet) -> bool:
     """Whether a set of changes is a special case of another one with more directions."""
     a, b = (
         [m.candidate.hypothesis.basis for m in e.members if m.slip is None and m.candidate.hypothesis.basis is not None]
@@ -299,7 +299,7 @@ def _within(small: Explanation, large: Explanation) -> bool:
     return bool(np.abs(left).max() < 1e-9)
 
 
-def _refined(asked: _Asked, chosen: Sequence[int], same_setup: bool, level: float) -> Explanation | None:
+def _refined(asked: _Asked, chosen: Sequence[int], same_setup: bool, level: float) -> ChangeSet | None:
     """Large changes at their own size, one or several parts at once: an explanation if they are adequate there."""
     parts, start = [asked.candidates[g] for g in chosen], asked.session.model
     if any(c.hypothesis.basis is None for c in parts) or any(asked.slips[g] is not None for g in chosen):

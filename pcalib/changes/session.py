@@ -22,7 +22,7 @@ FRAME_PRIOR = np.r_[np.full(3, 1.0), np.full(3, 1.0), np.full(3, 0.1), np.full(3
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class LinearisedSession:
     """One session, linearised at a model of the robot.
 
     Whitened arrays have unit covariance if nothing changed: C = λ·(Σ + J·P·Jᵀ) = L·Lᵀ, with the noise Σ, the derivative
@@ -64,7 +64,7 @@ class Session:
         return self.noise.row
 
 
-def session(model: Model, data: Measurements, same_setup: bool = False) -> Session:
+def session(model: Model, data: Measurements, same_setup: bool = False) -> LinearisedSession:
     """A new session under an old model.
 
     Args:
@@ -103,7 +103,7 @@ def independent(model: Model) -> Posterior:
     return Posterior.of(model.unknowns, half, Remaining(np.ones(2)))
 
 
-def at(model: Model, data: Measurements, same_setup: bool) -> Session:
+def at(model: Model, data: Measurements, same_setup: bool) -> LinearisedSession:
     """The session linearised at a model that is registered to it already."""
     assert model.posterior is not None
     error, p = linearisation.residuals(model, data)
@@ -122,7 +122,7 @@ def at(model: Model, data: Measurements, same_setup: bool) -> Session:
         sizes = np.concatenate([block.prior for block in model.setup])
         free = np.concatenate([free, prediction.setup_columns(p, len(sizes)) * sizes], axis=-1)
     inverse = np.linalg.solve(L, np.eye(len(L))) / np.sqrt(model.posterior.left.misfit)
-    return Session(model, data, point, noise, inverse, inverse @ y, inverse @ noise.whiten(free), sensitivity)
+    return LinearisedSession(model, data, point, noise, inverse, inverse @ y, inverse @ noise.whiten(free), sensitivity)
 
 
 def known(point: Point) -> np.ndarray:

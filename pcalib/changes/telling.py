@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pcalib.changes.results import Changed, Changes, Explanation, Verdict
+from pcalib.changes.results import Changed, Changes, ChangeSet, Verdict
 from pcalib.diagnosis.hypothesis import Kind
 from pcalib.diagnosis.patterns import spoken
 from pcalib.diagnosis.telling import p_text
@@ -42,7 +42,7 @@ def sentence(found: Changes) -> str:
     return f"Something changed: {best}; or {'; or '.join(others)}{more}. These poses cannot tell which."
 
 
-def in_words(explained: Explanation) -> str:
+def in_words(explained: ChangeSet) -> str:
     """What changed and by how much."""
     said = []
     for m in explained.members:

@@ -22,9 +22,7 @@ from pcalib.data import sigma as sigmas
 from pcalib.data import table as tables
 from pcalib.data.columns import Columns
 from pcalib.data.instrument import Instrument
-from pcalib.data.readings import Found, Readings
-from pcalib.data.sigma import DEFAULT_SIGMA_POS as DEFAULT_SIGMA_POS
-from pcalib.data.sigma import DEFAULT_SIGMA_ROT as DEFAULT_SIGMA_ROT
+from pcalib.data.readings import Readings, SensorReadings
 from pcalib.data.table import Table, is_number
 from pcalib.errors import InputError
 from pcalib.robot import Robot
@@ -321,7 +319,7 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
 
 
 def _with_readings(
-    data: Measurements, found: Sequence[Found], options: Mapping[str, object], written: Mapping[str, str]
+    data: Measurements, found: Sequence[SensorReadings], options: Mapping[str, object], written: Mapping[str, str]
 ) -> Measurements:
     """The data with a row of its own for what each sensor reads, after that of the pose if one is read beside it."""
     seen = np.unique(np.concatenate([part.row for part in found]))
@@ -383,7 +381,7 @@ def _with_readings(
     )  # fmt: skip
 
 
-def _called(part: Found, pose_id: np.ndarray) -> np.ndarray:
+def _called(part: SensorReadings, pose_id: np.ndarray) -> np.ndarray:
     """(n,) to what each reading is measured; of distances between poses the id of the other one."""
     return part.to if part.origin is None else np.array([str(i) for i in pose_id[part.origin]], object)
 

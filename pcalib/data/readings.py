@@ -90,7 +90,7 @@ def nothing(n: int) -> Readings:
 
 
 @dataclass(frozen=True)
-class Found:
+class SensorReadings:
     """Readings of one sensor in a table."""
 
     sensor: Sensor
@@ -143,7 +143,7 @@ def options(table: Table) -> dict[str, object]:
     return out
 
 
-def find(columns: Columns, sigma: Mapping[str, float | str]) -> list[Found]:
+def find(columns: Columns, sigma: Mapping[str, float | str]) -> list[SensorReadings]:
     """The readings of every sensor that a table has.
 
     Args:
@@ -185,7 +185,7 @@ def find(columns: Columns, sigma: Mapping[str, float | str]) -> list[Found]:
                 )  # fmt: skip
         own = _sigma(columns, sensor, sigma.get(sensor.sigma))
         each = sensor.usual_sigma if own is None else own
-        out.append(Found(
+        out.append(SensorReadings(
             sensor, row, to[row], value[row], np.broadcast_to(each, len(table))[row].astype(float), own is not None,
             origin,
         ))  # fmt: skip

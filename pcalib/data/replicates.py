@@ -16,7 +16,7 @@ TEMPERATURE_AGREES = 0.5
 
 
 @dataclass(frozen=True)
-class Noise:
+class ReplicateScatter:
     """Scatter of replicates about their own mean, pooled over all of them; NaN where nothing was repeated."""
 
     sigma_pos: float
@@ -68,7 +68,7 @@ def groups(data: Measurements) -> np.ndarray:
     return number[index]
 
 
-def noise(data: Measurements) -> Noise:
+def noise(data: Measurements) -> ReplicateScatter:
     """The noise that the replicates of a file show, component by component, in the measuring frame."""
     group = groups(data)
     rows = np.flatnonzero(group >= 0)
@@ -81,7 +81,7 @@ def noise(data: Measurements) -> Noise:
 
     pos, dof_pos, ratio_pos = _pooled(apart[:, :3], sub.sigma[:, :3], group, count)
     rot, dof_rot, ratio_rot = _pooled(apart[:, 3:], sub.sigma[:, 3:], group, count)
-    return Noise(pos, rot, dof_pos, dof_rot, ratio_pos, ratio_rot, count, len(rows))
+    return ReplicateScatter(pos, rot, dof_pos, dof_rot, ratio_pos, ratio_rot, count, len(rows))
 
 
 def _pooled(values: np.ndarray, sigma: np.ndarray, group: np.ndarray, count: int) -> tuple[float, int, float]:

@@ -27,7 +27,7 @@ N_DRAWS = 1024
 
 
 @dataclass(frozen=True)
-class Row:
+class FarRow:
     """One pose at which model and measurement are far apart."""
 
     index: int
@@ -52,7 +52,7 @@ class Comparison(Shown):
     times_noise: tuple[float, float | None]
     """RMS of all readings over the noise: of fit rows, those set aside included, and of check rows. What a new fit
     would leave of it stands in `misfit`."""
-    worst: tuple[Row, ...]
+    worst: tuple[FarRow, ...]
     """Worst first."""
     cells: tuple[Cell, ...]
     """Map of channels × variables, hottest first."""
@@ -120,7 +120,9 @@ def compare(
         noise=made.noise,
         misfit=misfit(screen),
         times_noise=(fit[1], check[1] if check else None),
-        worst=tuple(Row(i, int(data.lines[i]), error[i], float(size[i]), bool(data.check[i]), i in odd) for i in order),
+        worst=tuple(
+            FarRow(i, int(data.lines[i]), error[i], float(size[i]), bool(data.check[i]), i in odd) for i in order
+        ),
         cells=cells(made.patterns, len(made.candidates), screen, test.p, null),
         error=error,
         position=p.position,

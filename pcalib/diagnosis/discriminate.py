@@ -59,7 +59,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Plan:
+class NextRows:
     """Rows to measure, the most telling first."""
 
     q: np.ndarray
@@ -128,7 +128,7 @@ def next_rows(
     n: int = 6,
     own: Sequence[Effect] = (),
     options: Options | None = None,
-) -> Plan:
+) -> NextRows:
     """Rows to measure that tell two explanations apart, the most telling first.
 
     Args:
@@ -163,7 +163,7 @@ def held(rivals: Sequence[Rival]) -> bool:
     return any(h.kind is Kind.PART for rival in rivals for h in rival)
 
 
-def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None = None) -> Plan:
+def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None = None) -> NextRows:
     """Rows that tell two explanations apart.
 
     Args:
@@ -212,7 +212,7 @@ def plan(made: Problem, rivals: Sequence[Rival], n: int, options: Options | None
     same = start
     for row in np.flatnonzero(similar.ok):
         same = [d.added(similar, int(row)) for d in same]
-    return Plan(
+    return NextRows(
         q=q[chosen],
         conditions=conditions.take(np.array(chosen)),
         position=new.position[chosen],
@@ -424,7 +424,7 @@ def _neutral(conditions: Conditions, needs: set[str]) -> Conditions:
     return replace(conditions, columns=columns)
 
 
-def table(robot: Robot, found: Plan) -> dict[str, np.ndarray | list[str]]:
+def table(robot: Robot, found: NextRows) -> dict[str, np.ndarray | list[str]]:
     """The columns of a plan as a file names them, with the place where the model expects the measured point."""
     out: dict[str, np.ndarray | list[str]] = dict(planning.table(robot, found.q, found.conditions, found.position))
     if found.readings is not None:

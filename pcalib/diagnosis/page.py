@@ -16,7 +16,7 @@ from pcalib.diagnosis.evidence import Evidence
 from pcalib.diagnosis.patterns import spoken
 from pcalib.diagnosis.scatters import Scatter
 from pcalib.model import Model
-from pcalib.report import Bullets, Facts, Figure, Page, Section, Table
+from pcalib.report import Bullets, Figure, NamedValues, Page, Section, Table
 from pcalib.report.page import versions
 from pcalib.wording import angle, capital, number, size
 
@@ -129,7 +129,7 @@ def diagnosis_sections(found: Diagnosis, file: str = "model.toml") -> list[Secti
         limits = Table(("effect", "would have been seen from"), telling.limit_rows(found))
         out.append(Section("What would have been seen", [limits]))
     if found.unavailable:
-        out.append(Section("Not considered", [Facts({u.name: u.why for u in found.unavailable})]))
+        out.append(Section("Not considered", [NamedValues({u.name: u.why for u in found.unavailable})]))
     steps = advice.advised(found, file)
     if steps:
         said = [f"{capital(s.why)}: {shlex.join(('pcalib', *s.words))}" if s.words else s.why for s in steps]

@@ -16,7 +16,7 @@ from pcalib.diagnosis.evidence import by_variable_of
 from pcalib.effects.base import Effect
 from pcalib.errors import InputError
 from pcalib.fitting import linearisation
-from pcalib.ladder import Candidate, ErrorMap, Ladder, Scatter, Step
+from pcalib.ladder import CandidateBar, ErrorMap, Ladder, ResidualPlot, Step
 from pcalib.model import Model
 
 N_DRAWS = 1024
@@ -78,12 +78,12 @@ def _step(i: int, then: Model, data: Measurements, own: Sequence[Effect], action
         label=f"{action} {effect}".strip(),
         model=then,
         text=f"Knows {known}. {telling.sentence(found)}",
-        candidates=tuple(Candidate(f.candidate.name, f.s, f.adequate) for f in ranked if f.s > 0)[:12],
+        candidates=tuple(CandidateBar(f.candidate.name, f.s, f.adequate) for f in ranked if f.s > 0)[:12],
         scatter=_scatter(found, data),
     )
 
 
-def _scatter(found: Diagnosis, data: Measurements) -> Scatter | None:
+def _scatter(found: Diagnosis, data: Measurements) -> ResidualPlot | None:
     plot = by_variable_of(found, data)
     if plot is None:
         return None
@@ -93,7 +93,7 @@ def _scatter(found: Diagnosis, data: Measurements) -> Scatter | None:
     factor, variable = plot.axis
     noise = max(float(np.std(plot.y[mine] - plot.curve[mine])), 1e-12)
     x = plot.x[mine][order] * factor
-    return Scatter(
+    return ResidualPlot(
         variable=variable,
         x=x,
         residual=plot.y[mine][order] / noise,

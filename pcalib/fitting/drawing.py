@@ -54,7 +54,7 @@ _STRIDE = {"m": 0.04, "rad": 0.2, "1": 0.3}
 
 
 @dataclass(frozen=True)
-class Distance:
+class DrawingDistance:
     """How far data are from a robot as drawn, after a quick fit."""
 
     misfit: float
@@ -111,7 +111,7 @@ def _spaced(rows: np.ndarray, most: int) -> np.ndarray:
     return rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)] if len(rows) else rows
 
 
-def distance(data: Measurements, robot: Robot, steps: int = STEPS) -> Distance | None:
+def distance(data: Measurements, robot: Robot, steps: int = STEPS) -> DrawingDistance | None:
     """A quick fit; None where the robot cannot take the commands or a tracker's frame cannot be registered."""
     try:
         model, data, at = _start(data, robot)
@@ -131,7 +131,7 @@ def distance(data: Measurements, robot: Robot, steps: int = STEPS) -> Distance |
         seen = values[~np.isnan(values)]
         return float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")
 
-    return Distance(
+    return DrawingDistance(
         misfit=float(np.nansum(whitened**2)), prior=float(change @ change), readings=int(data.mask.sum()),
         parameters=g, tolerances=float(WIDTH * np.abs(change).max(initial=0.0)),
         rms_pos=rms(error[:, :3]), rms_rot=rms(error[:, 3:]),

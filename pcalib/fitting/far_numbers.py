@@ -14,7 +14,7 @@ import numpy as np
 from pcalib import kinds, wording
 from pcalib.data.measurement import Measurements
 from pcalib.fitting import drawing
-from pcalib.fitting.drawing import ALIKE, FAR, Distance
+from pcalib.fitting.drawing import ALIKE, FAR, DrawingDistance
 from pcalib.robot import Robot
 
 
@@ -27,7 +27,7 @@ class _Number:
     change: drawing.Change
 
 
-def numbers(data: Measurements, robot: Robot, here: Distance | None) -> Iterator[tuple[str, str, str, float]]:
+def numbers(data: Measurements, robot: Robot, here: DrawingDistance | None) -> Iterator[tuple[str, str, str, float]]:
     """Single numbers that are far from the drawing and whose change brings the data home, best first."""
     found = []
     for number in _candidates(data, robot):

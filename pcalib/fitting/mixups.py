@@ -18,7 +18,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.errors import PcalibError
 from pcalib.fitting import drawing, far_numbers
 from pcalib.fitting.as_drawn import LARGE_TURN, Nominal, compare
-from pcalib.fitting.drawing import ALIKE, Distance
+from pcalib.fitting.drawing import ALIKE, DrawingDistance
 from pcalib.fitting.wild import wild
 from pcalib.robot import Robot
 
@@ -29,15 +29,15 @@ OFF = 5.0
 """Times σ that a quick fit leaves over, from which on other readings are tried: physics that a model lacks leaves
 less on most machines, and a reading must bring the data home to be named in any case."""
 SMALL = 0.3
-"""Residuals over their σ below which on the values themselves are doubted: no σ is stated three times too large, and
-values in a unit fifty times too large are."""
+"""RMS residual, in σ, below which the unit of the readings is doubted: nobody states a σ three times too large, but
+readings in the wrong unit have residuals that are far too small."""
 TURNED = np.radians(5.0)
 """[rad] Median rotation above which other conventions of the three numbers are tried even where the data look near."""
 AT_NOISE = 1.5
-"""RMS residual of the quick fit, in σ, above which such rotations are tried in other conventions."""
+"""RMS residual of the quick fit, in σ, above which rotations beyond TURNED are tried in other conventions."""
 BETTER = 0.7
-"""Another reading of such rotations must lower the cost below this share. Physics that the model lacks adds to both
-costs."""
+"""Share to which another convention of the rotation must lower the cost to be named. Missing physics adds to the cost
+of every convention."""
 ABSURD = 100.0
 """Manufacturing tolerances (10 mm, 5°, 10 %) from which on a number is that of another robot, or of a mistake."""
 _ROUGH = 0.06
@@ -48,7 +48,7 @@ _ROUGH = 0.06
 class Judgement:
     """Whether data and robot belong together as they are written."""
 
-    distance: Distance | None
+    distance: DrawingDistance | None
     """Of the data as they are read; None where no quick fit is possible."""
     readings: tuple[tuple[str, str, str], ...] = ()
     """(code, words, edit) of what brings the data home, best first."""
@@ -166,14 +166,14 @@ def _judge(some: Measurements, robot: Robot, always: bool) -> Judgement:
     return Judgement(here, (), numbers, frame, tried=True)
 
 
-def _suspicious(here: Distance | None) -> bool:
+def _suspicious(here: DrawingDistance | None) -> bool:
     if here is None or not here.near or here.misfit > OFF**2 * here.readings:
         return True
     enough = here.readings > 1.5 * here.parameters
     return enough and bool(here.ratio_pos < SMALL or here.ratio_rot < SMALL)
 
 
-def _readings(data: Measurements, robot: Robot, here: Distance | None) -> list[misreadings.Misreading]:
+def _readings(data: Measurements, robot: Robot, here: DrawingDistance | None) -> list[misreadings.Misreading]:
     """Entries of the table that bring the data home, best first."""
     found: list[tuple[float, misreadings.Misreading]] = []
     for entry in misreadings.table(data, robot):
@@ -195,7 +195,7 @@ def _readings(data: Measurements, robot: Robot, here: Distance | None) -> list[m
     return [entry for cost, entry in found if cost < best + max(ALIKE, 0.5 * abs(best))]
 
 
-def _turned_otherwise(data: Measurements, robot: Robot, here: Distance | None) -> list[misreadings.Misreading]:
+def _turned_otherwise(data: Measurements, robot: Robot, here: DrawingDistance | None) -> list[misreadings.Misreading]:
     """Other readings of large rotations that explain the data better, although these look near as they are; best first.
 
     In a tracker's frame the body's own turn is found with the rest, which hides most of a wrong order of angles.
@@ -226,7 +226,7 @@ def _counted(data: Measurements, columns: slice) -> int:
     return int(data.mask[:, columns].sum()) if values.any() else 0
 
 
-def _home(there: Distance | None, here: Distance | None, shrunk: float = 0.0) -> bool:
+def _home(there: DrawingDistance | None, here: DrawingDistance | None, shrunk: float = 0.0) -> bool:
     """Whether another reading explains what this one does not."""
     if there is None or not there.near:
         return False
@@ -241,7 +241,7 @@ def _home(there: Distance | None, here: Distance | None, shrunk: float = 0.0) ->
     return share < GAIN and here.cost - there.cost + min(shrunk, 0.0) > 4 * ALIKE
 
 
-def _beyond_noise(found: Distance) -> float:
+def _beyond_noise(found: DrawingDistance) -> float:
     """The cost above one unit for each reading, which is what noise leaves."""
     return max(found.cost - found.readings, 0.0)
 

@@ -9,33 +9,6 @@ Nothing in the file comes from elsewhere: styles and figures (SVG) are inside, a
 
 from __future__ import annotations
 
-from pcalib.report.page import (
-    Block as Block,
-)
-from pcalib.report.page import (
-    Bullets as Bullets,
-)
-from pcalib.report.page import (
-    Facts as Facts,
-)
-from pcalib.report.page import (
-    Figure as Figure,
-)
-from pcalib.report.page import (
-    Page as Page,
-)
-from pcalib.report.page import (
-    Section as Section,
-)
-from pcalib.report.page import (
-    Table as Table,
-)
-from pcalib.report.page import (
-    Text as Text,
-)
-from pcalib.report.page import (
-    html as html,
-)
-from pcalib.report.page import (
-    write as write,
-)
+from pcalib.report.page import Bullets, Figure, NamedValues, Page, Section, SectionBlock, Table, Text, html, write
+
+__all__ = ["Bullets", "Figure", "NamedValues", "Page", "Section", "SectionBlock", "Table", "Text", "html", "write"]

@@ -29,7 +29,7 @@ class Bullets:
 
 
 @dataclass(frozen=True)
-class Facts:
+class NamedValues:
     """Names and values, such as where things come from."""
 
     kind: ClassVar[str] = "facts"
@@ -67,7 +67,7 @@ class Figure:
     """What is seen, for those who cannot see it."""
 
 
-Block = Text | Bullets | Facts | Table | Figure
+SectionBlock = Text | Bullets | NamedValues | Table | Figure
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Section:
     """A heading and what stands under it."""
 
     title: str
-    blocks: Sequence[Block]
+    blocks: Sequence[SectionBlock]
 
 
 @dataclass(frozen=True)

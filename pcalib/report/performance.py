@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pcalib.iso9283 import Record
-from pcalib.report.page import Block, Bullets, Facts, Page, Section, Table, versions
+from pcalib.report.page import Bullets, NamedValues, Page, Section, SectionBlock, Table, versions
 from pcalib.wording import small
 
 POSES = ("pose", "cycles", "AP", "AP x", "AP y", "AP z", "RP", "vAP", "dAP", "dRP", "E")
@@ -64,7 +64,7 @@ def page(found: Record, robot: str, conditions: Mapping[str, str], sources: Sequ
         sources: the files whose hashes are recorded.
     """
     header, rows = shown(POSES, pose_rows(found))
-    blocks: list[Block] = [Table(header, rows, "<" + ">" * (len(header) - 1))]
+    blocks: list[SectionBlock] = [Table(header, rows, "<" + ">" * (len(header) - 1))]
     if found.remarks:
         blocks.append(Bullets(found.remarks, "warning"))
     wanted = [(f"P{i + 1}", *(f"{1e3 * v:.3f}" for v in p)) for i, p in enumerate(found.wanted)]
@@ -75,8 +75,10 @@ def page(found: Record, robot: str, conditions: Mapping[str, str], sources: Sequ
         [
             Section("Poses", blocks),
             Section("Distances", [Table(DISTANCES, distance_rows(found), "<<>>>>>>")]),
-            Section("Conditions", [Facts(dict(conditions)), Table(("pose", "x mm", "y mm", "z mm"), wanted, "<>>>")]),
-            Section("Files", [Facts({name: f"SHA-256 {value}" for name, value in hashes.items()})]),
+            Section(
+                "Conditions", [NamedValues(dict(conditions)), Table(("pose", "x mm", "y mm", "z mm"), wanted, "<>>>")]
+            ),
+            Section("Files", [NamedValues({name: f"SHA-256 {value}" for name, value in hashes.items()})]),
         ],
         provenance=versions(),
     )

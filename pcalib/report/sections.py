@@ -13,7 +13,7 @@ from pcalib.fitting.identification import Fit
 from pcalib.ladder import Ladder
 from pcalib.palette import LogScale
 from pcalib.report import figures
-from pcalib.report.page import Block, Bullets, Figure, Section, Table, Text
+from pcalib.report.page import Bullets, Figure, Section, SectionBlock, Table, Text
 from pcalib.wording import number, size
 
 
@@ -26,7 +26,7 @@ def ladder(what: Ladder) -> Section:
         for m in what.maps
         if not m.reached.all()
     ]
-    blocks: list[Block] = [
+    blocks: list[SectionBlock] = [
         Figure(
             figures.ladder(what),
             f"Position error of the TCP, {what.source}, at {int(what.maps[0].reached.sum())} targets all over the "
@@ -102,7 +102,7 @@ def parameters(fit: Fit, truth: np.ndarray | None = None) -> Section:
         rows.append(row)
         if row[-1].startswith("off"):
             marked.append(i)
-    blocks: list[Block] = [
+    blocks: list[SectionBlock] = [
         Text(summary.identified(fit)),
         Table(
             header, rows, "<" + ">" * (len(header) - 2) + "<", marked=marked, folded=f"All {len(rows)} parameters",
@@ -141,7 +141,7 @@ def unidentifiable(fit: Fit) -> Section:
         for name, (main, rest) in fit.identifiability.companions().items()
     ]
     if not rows:
-        blocks: list[Block] = [Text("Nothing: every parameter of this level leaves a trace of its own.")]
+        blocks: list[SectionBlock] = [Text("Nothing: every parameter of this level leaves a trace of its own.")]
     else:
         blocks = [
             Text(

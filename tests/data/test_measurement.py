@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pcalib import robot
-from pcalib.data import joining, measurement
+from pcalib.data import joining, measurement, sigma
 from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 
@@ -86,8 +86,8 @@ def test_the_least_that_a_file_needs(tmp_path, delta):
     assert not data.tool.any() and not data.payload.any() and not data.check.any() and (data.pose_id == -1).all()
     assert not data.mask[:, 3:].any() and data.mask[:, :3].all()
     assert not data.sigma_stated and data.frame == "base" and not data.columns
-    np.testing.assert_allclose(data.sigma[:, :3], measurement.DEFAULT_SIGMA_POS)
-    np.testing.assert_allclose(data.sigma[:, 3:], measurement.DEFAULT_SIGMA_ROT)
+    np.testing.assert_allclose(data.sigma[:, :3], sigma.DEFAULT_SIGMA_POS)
+    np.testing.assert_allclose(data.sigma[:, 3:], sigma.DEFAULT_SIGMA_ROT)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

@@ -16,7 +16,7 @@ from pcalib.fitting.identification import Fit
 from pcalib.ladder import ErrorMap, Ladder, Step
 from pcalib.model import Model
 from pcalib.report import figures, sections
-from pcalib.report.page import Bullets, Facts, Figure, Page, Section, Table, Text, versions
+from pcalib.report.page import Bullets, Figure, NamedValues, Page, Section, Table, Text, versions
 
 HOSTILE = '</title><script>alert("x")</script><img src=x onerror=alert(1)> & \'"$x^2$'
 
@@ -137,7 +137,7 @@ def test_a_parameter_without_a_trace_is_said_to_have_none(delta, measure, pertur
 def test_everything_is_escaped():
     h = HOSTILE
     page = Page(h, h, [Section(h, [
-        Text(h, h), Bullets([h], h), Facts({h: h}), Table([h], [[h]], ">", h, h, (0,)), Table([h], [[h]]),
+        Text(h, h), Bullets([h], h), NamedValues({h: h}), Table([h], [[h]], ">", h, h, (0,)), Table([h], [[h]]),
     ])], h, {h: h})  # fmt: skip
     text = report.html(page)
     found = Elements(text)

@@ -10,7 +10,7 @@ import pytest
 
 from pcalib import view
 from pcalib.errors import InputError
-from pcalib.ladder import Candidate, ErrorMap, Expected, Ladder, Scatter, Step
+from pcalib.ladder import CandidateBar, ErrorMap, Expected, Ladder, ResidualPlot, Step
 from pcalib.model import Model
 from pcalib.view.scene import Style, gain_of
 from pcalib.view.skeleton import rest, skeleton
@@ -141,8 +141,8 @@ def test_each_tool_has_entities_of_its_own(written, entities):
 
 def test_evidence_is_drawn_where_there_is_some(ladder, tmp_path, read, entities):
     x = np.linspace(0.0, 3.0, 30)
-    scatter = Scatter("payload [kg]", x, 2 * x, "actuator 2", np.stack([x, 2 * x], axis=1))
-    candidates = (Candidate("arm_bending", 4.0), Candidate("drive_compliance", 9.0, True))
+    scatter = ResidualPlot("payload [kg]", x, 2 * x, "actuator 2", np.stack([x, 2 * x], axis=1))
+    candidates = (CandidateBar("arm_bending", 4.0), CandidateBar("drive_compliance", 9.0, True))
     steps = (replace(ladder.steps[0], scatter=scatter, candidates=candidates), *ladder.steps[1:])
     view.write(tmp_path / "e.rrd", replace(ladder, steps=steps))
     bars = read(tmp_path / "e.rrd", "candidates/bars")
@@ -159,7 +159,7 @@ def test_evidence_is_drawn_where_there_is_some(ladder, tmp_path, read, entities)
 
 
 def test_bars_of_noise_are_short(ladder, tmp_path, read):
-    steps = (replace(ladder.steps[0], candidates=(Candidate("backlash", 0.2),)), *ladder.steps[1:])
+    steps = (replace(ladder.steps[0], candidates=(CandidateBar("backlash", 0.2),)), *ladder.steps[1:])
     view.write(tmp_path / "n.rrd", replace(ladder, steps=steps))
     (bar,) = read(tmp_path / "n.rrd", "candidates/bars")[0]["strips"]
     assert bar[1][0] - bar[0][0] < 10  # of 170

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.jobs import charts
-from bench.jobs.campaign.summary import Group, Summary, select, tool_text
+from bench.jobs.campaign.summary import RobotGroup, Summary, select, tool_text
 from bench.jobs.campaign.sweep import short
 from pcalib import units
 
@@ -140,7 +140,7 @@ def _finish(figure: Figure, axes: Any, title: str) -> None:
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
 
 
-def _band(ax: Axes, points: Sequence[tuple[float, Group]], look: dict[str, Any], method: str) -> None:
+def _band(ax: Axes, points: Sequence[tuple[float, RobotGroup]], look: dict[str, Any], method: str) -> None:
     usable = sorted(((x, g) for x, g in points if len(g.rms)), key=lambda point: point[0])
     if not usable:
         return

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from bench.jobs.campaign import trial
 from bench.jobs.campaign.spec import Spec
-from bench.jobs.campaign.summary import Group, Summary, select, tool_text
+from bench.jobs.campaign.summary import RobotGroup, Summary, select, tool_text
 from bench.jobs.campaign.sweep import short
 from pcalib.errors import PcalibError
 from pcalib.ladder import ErrorMap
@@ -53,7 +53,7 @@ class Maps:
     """(T, P, 3) [m] TCP targets."""
     percentile: np.ndarray
     """(len(PERCENTILES), M, T, P) [m]; NaN where no robot got there."""
-    groups: list[list[Group]]
+    groups: list[list[RobotGroup]]
     """[method][tool]."""
     worst: list[tuple[int, ErrorMap]]
     """Number of each of the worst robots and its error field with the longest tool, a step per method."""

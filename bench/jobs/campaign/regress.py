@@ -20,7 +20,7 @@ from bench.jobs import running, store, study
 from bench.jobs.campaign import summary, trial
 from bench.jobs.campaign.spec import Spec
 from bench.jobs.campaign.study import Campaign
-from bench.jobs.campaign.summary import Group
+from bench.jobs.campaign.summary import RobotGroup
 from bench.jobs.campaign.sweep import short
 from pcalib import files
 from pcalib.errors import InputError
@@ -33,7 +33,7 @@ SHORT = 0.1
 
 
 @dataclass(frozen=True)
-class Figure:
+class CampaignFigure:
     """One number of a campaign."""
 
     name: str
@@ -44,7 +44,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Change:
+class FigureChange:
     """A figure, then and now."""
 
     name: str
@@ -74,18 +74,18 @@ class Change:
 
 def measure(
     spec: Spec, workers: int = 1, speed: bool = True, progress: Callable[[int], None] = lambda done: None
-) -> list[Figure]:
+) -> list[CampaignFigure]:
     """The figures of a campaign, whose results are kept nowhere."""
     found = summary.of([running.table(Campaign(spec), workers, progress)], Campaign(spec).schema())
-    out: list[Figure] = []
+    out: list[CampaignFigure] = []
     for group in found.groups:
         name = _name(group, found.spec.paths)
         out += [
-            Figure(f"{name}: RMS", "error", group.pooled),
-            Figure(f"{name}: RMS, 95 % of the robots below", "error", group.percentile(95)),
-            Figure(f"{name}: maximum", "error", group.worst),
-            Figure(f"{name}: failed robots", "failed", float(group.failed)),
-            Figure(f"{name}: targets reached", "reached", group.reached),
+            CampaignFigure(f"{name}: RMS", "error", group.pooled),
+            CampaignFigure(f"{name}: RMS, 95 % of the robots below", "error", group.percentile(95)),
+            CampaignFigure(f"{name}: maximum", "error", group.worst),
+            CampaignFigure(f"{name}: failed robots", "failed", float(group.failed)),
+            CampaignFigure(f"{name}: targets reached", "reached", group.reached),
         ]
     out += timings(spec) if speed else []
     names = [figure.name for figure in out]
@@ -93,7 +93,7 @@ def measure(
     return out
 
 
-def timings(campaign: Spec) -> list[Figure]:
+def timings(campaign: Spec) -> list[CampaignFigure]:
     """What the steps of the first robot cost, in units of a reference task."""
     from threadpoolctl import threadpool_limits
 
@@ -105,7 +105,7 @@ def timings(campaign: Spec) -> list[Figure]:
                 begun = time.perf_counter()
                 step()
                 best[name] = min(best[name], time.perf_counter() - begun)
-    return [Figure(f"{name}: time", "time", best[name] / best[""]) for name in steps]
+    return [CampaignFigure(f"{name}: time", "time", best[name] / best[""]) for name in steps]
 
 
 def reference() -> None:
@@ -120,7 +120,9 @@ def reference() -> None:
         np.linalg.svd(J)
 
 
-def compare(before: Mapping[str, Figure], now: Mapping[str, Figure], campaign: Spec) -> list[Change]:
+def compare(
+    before: Mapping[str, CampaignFigure], now: Mapping[str, CampaignFigure], campaign: Spec
+) -> list[FigureChange]:
     """Every figure of either side, with a verdict by the tolerances of the spec's [regress]."""
     out = []
     for name in [*before, *(name for name in now if name not in before)]:
@@ -130,7 +132,7 @@ def compare(before: Mapping[str, Figure], now: Mapping[str, Figure], campaign: S
             verdict = "new" if old is None else "gone"
         else:
             verdict = _verdict(kind, old.value, new.value, campaign)
-        out.append(Change(name, kind, old and old.value, new and new.value, verdict))
+        out.append(FigureChange(name, kind, old and old.value, new and new.value, verdict))
     return out
 
 
@@ -146,7 +148,7 @@ def _verdict(kind: str, before: float, now: float, campaign: Spec) -> str:
     return "worse" if growth > slack else "better" if growth < -slack else "same"
 
 
-def _name(group: Group, paths: Sequence[str]) -> str:
+def _name(group: RobotGroup, paths: Sequence[str]) -> str:
     point = [f"{path} = {short(group.point[path])}" for path in paths]
     return ", ".join([*point, group.method, f"tool {summary.tool_text(group)} mm"])
 
@@ -154,7 +156,7 @@ def _name(group: Group, paths: Sequence[str]) -> str:
 # -- the baseline file -------------------------------------------------------------------------------------------------
 
 
-def load(path: Path, campaign: Spec) -> dict[str, Figure]:
+def load(path: Path, campaign: Spec) -> dict[str, CampaignFigure]:
     """The figures of a baseline.
 
     Raises:
@@ -171,26 +173,28 @@ def load(path: Path, campaign: Spec) -> dict[str, Figure]:
     return _figures(content)
 
 
-def earlier(path: Path) -> dict[str, Figure]:
+def earlier(path: Path) -> dict[str, CampaignFigure]:
     """The figures of whatever baseline was there before; none where there was none."""
     return _figures(_content(path)) if path.exists() else {}
 
 
-def times(path: Path, campaign: Spec) -> dict[str, Figure]:
+def times(path: Path, campaign: Spec) -> dict[str, CampaignFigure]:
     """The times of a baseline that belongs to this spec, to be kept where none are taken; none of another spec."""
     if not path.exists() or _changed(_content(path), campaign):
         return {}
     return {name: figure for name, figure in earlier(path).items() if figure.kind == "time"}
 
 
-def _figures(content: Mapping[str, Any]) -> dict[str, Figure]:
+def _figures(content: Mapping[str, Any]) -> dict[str, CampaignFigure]:
     return {
-        name: Figure(name, figure["kind"], math.nan if figure["value"] is None else figure["value"])
+        name: CampaignFigure(name, figure["kind"], math.nan if figure["value"] is None else figure["value"])
         for name, figure in content["figures"].items()
     }
 
 
-def save(path: Path, campaign: Spec, figures: Mapping[str, Figure], changes: list[Change], reason: str) -> None:
+def save(
+    path: Path, campaign: Spec, figures: Mapping[str, CampaignFigure], changes: list[FigureChange], reason: str
+) -> None:
     """Write the baseline anew, with the reason and what moved added to its history.
 
     Raises:

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 
-from bench.jobs.campaign.regress import Change
+from bench.jobs.campaign.regress import FigureChange
 from pcalib.wording import size
 
 HEADER = ("figure", "baseline", "now", "change", "verdict")
 _ORDER = {"worse": 0, "gone": 1, "better": 2, "new": 3, "same": 4}
 
 
-def headline(changes: Sequence[Change]) -> str:
+def headline(changes: Sequence[FigureChange]) -> str:
     """The outcome in one sentence."""
     worse = [c for c in changes if c.regression]
     better = sum(c.verdict == "better" for c in changes)
@@ -27,14 +27,14 @@ def headline(changes: Sequence[Change]) -> str:
     return ", ".join(parts) if worse or better or new else f"{len(changes)} figures, all as in the baseline"
 
 
-def table(changes: Sequence[Change]) -> list[list[str]]:
+def table(changes: Sequence[FigureChange]) -> list[list[str]]:
     """Rows of what moved, regressions first, the largest change first."""
     moved = [c for c in changes if c.verdict != "same"]
     moved.sort(key=lambda c: (_ORDER[c.verdict], -_size(c)))
     return [[c.name, told(c.kind, c.before), told(c.kind, c.now), c.moved, c.verdict] for c in moved]
 
 
-def markdown(title: str, changes: Sequence[Change]) -> str:
+def markdown(title: str, changes: Sequence[FigureChange]) -> str:
     """A summary for a CI page."""
     lines = [f"## {title}: {headline(changes)}", ""]
     rows = table(changes)
@@ -48,7 +48,7 @@ def markdown(title: str, changes: Sequence[Change]) -> str:
     return "\n".join(lines)
 
 
-def junit(title: str, changes: Sequence[Change]) -> str:
+def junit(title: str, changes: Sequence[FigureChange]) -> str:
     """JUnit XML: one test case per figure."""
     failed = [c for c in changes if c.regression]
     suite = ElementTree.Element("testsuite", name=f"pcbench regress {title}", tests=str(len(changes)),
@@ -66,7 +66,7 @@ def junit(title: str, changes: Sequence[Change]) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def as_json(title: str, changes: Sequence[Change]) -> dict[str, Any]:
+def as_json(title: str, changes: Sequence[FigureChange]) -> dict[str, Any]:
     """Stable keys."""
     return {
         "schema": "pcbench.regress/1",
@@ -89,7 +89,7 @@ def told(kind: str, value: float | None) -> str:
     return f"{value:.0f}" if kind == "failed" else f"{value:.3g} × reference"
 
 
-def _size(change: Change) -> float:
+def _size(change: FigureChange) -> float:
     if not change.before or change.now is None:
         return float("inf") if change.now else 0.0
     return abs(change.now / change.before - 1)

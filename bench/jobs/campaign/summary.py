@@ -23,7 +23,7 @@ from pcalib.wording import size
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class RobotGroup:
     """All robots of one cell, with one method and one tool."""
 
     cell: int
@@ -69,7 +69,7 @@ class Summary:
 
     spec: Spec
     versions: Mapping[str, str]
-    groups: tuple[Group, ...]
+    groups: tuple[RobotGroup, ...]
     reasons: Mapping[str, int]
     """Why rows have no figures, with their number, the most frequent first."""
 
@@ -134,7 +134,7 @@ def of(tables: Iterable[pa.Table], schema: pa.Schema) -> Summary:
         share = float(reached / targets) if targets else 0.0
         point = {path: label(value) for path, value in spec.point(cell).items()}
         groups.append(
-            Group(cell, point, method, tool, length * 1e-3, robot, rms * 1e-6, largest * 1e-6, int(failed), share)
+            RobotGroup(cell, point, method, tool, length * 1e-3, robot, rms * 1e-6, largest * 1e-6, int(failed), share)
         )
     return Summary(spec, about["versions"], tuple(groups), dict(reasons.most_common()))
 
@@ -204,12 +204,12 @@ def as_json(summary: Summary) -> dict[str, Any]:
     }
 
 
-def tool_text(group: Group) -> str:
+def tool_text(group: RobotGroup) -> str:
     """A tool as tables show it: its length, or all of it where it does not hang straight down."""
     straight = group.tool.startswith("0,0,-") or group.tool == "0,0,0mm"
     return f"{group.tool_length * 1e3:.12g}" if straight else group.tool.removesuffix("mm")
 
 
-def select(groups: Sequence[Group], **wanted: Any) -> list[Group]:
+def select(groups: Sequence[RobotGroup], **wanted: Any) -> list[RobotGroup]:
     """The groups whose attributes have these values."""
     return [g for g in groups if all(getattr(g, name) == value for name, value in wanted.items())]

@@ -22,7 +22,7 @@ from bench.truth import Truth
 from pcalib import robot as robots
 from pcalib import rotation
 from pcalib.changes.search import hypotheses
-from pcalib.changes.session import Session, session
+from pcalib.changes.session import LinearisedSession, session
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.screen import project_out, span
 from pcalib.fitting import identification
@@ -186,7 +186,7 @@ class Pair:
 
     def visible(
         self, moved: Sequence[Moved], size: float | Sequence[float], row: int = 0
-    ) -> tuple[np.ndarray, Session]:
+    ) -> tuple[np.ndarray, LinearisedSession]:
         """(M,) what a change does to the whitened readings beside the measuring frame, and the session."""
         before = self.measured((), 0.0, noisy=False)
         after = joined(before, self.measured(moved, size, noisy=False), row)

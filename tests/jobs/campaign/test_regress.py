@@ -14,7 +14,7 @@ import pytest
 
 from bench.cli import main
 from bench.jobs.campaign import regress, regress_report, spec
-from bench.jobs.campaign.regress import Change, Figure
+from bench.jobs.campaign.regress import CampaignFigure, FigureChange
 
 ROOT = Path(__file__).parents[3]
 
@@ -164,7 +164,7 @@ def test_verdicts(written):
     campaign = spec.load(written(written.small + "[regress]\naccuracy = 0.02\nfloor_um = 0.01\nspeed = 1.5\n"))
 
     def verdict(kind: str, before: float | None, now: float | None) -> str:
-        old, new = ({} if value is None else {"x": Figure("x", kind, value)} for value in (before, now))
+        old, new = ({} if value is None else {"x": CampaignFigure("x", kind, value)} for value in (before, now))
         (change,) = regress.compare(old, new, campaign)
         return change.verdict
 
@@ -192,14 +192,14 @@ def test_figures_of_one_name_do_not_pass(written, monkeypatch):
 
 
 def test_a_figure_that_is_gone_is_a_regression():
-    changes = [Change("a: RMS", "error", 1e-4, None, "gone"), Change("b: RMS", "error", None, 1e-4, "new")]
+    changes = [FigureChange("a: RMS", "error", 1e-4, None, "gone"), FigureChange("b: RMS", "error", None, 1e-4, "new")]
     assert changes[0].regression and not changes[1].regression
     assert regress_report.headline(changes) == "2 figures, 1 regression, 1 new"
     assert [row[4] for row in regress_report.table(changes)] == ["gone", "new"]
 
 
 def test_the_worst_comes_first():
-    small = Change("a: RMS", "error", 1e-4, 1.1e-4, "worse")
+    small = FigureChange("a: RMS", "error", 1e-4, 1.1e-4, "worse")
     large = replace(small, name="b: RMS", now=2e-4)
     better = replace(small, name="c: RMS", now=1e-6, verdict="better")
     rows = regress_report.table([better, small, large])
