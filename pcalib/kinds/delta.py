@@ -31,14 +31,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         Block("l", PAIRS, np.full(6, dimensions["rod_length"])),
         Block("beta", ARMS, np.zeros((3, 3)), "rad"),
     )
-    actuation = RotaryArms(
-        azimuth=azimuth,
-        actuator=arm,
-        p=layout.vectors("p", ARMS),
-        beta=layout.vectors("beta", ARMS),
-        a=layout.vectors("a", PAIRS),
-        length=layout.numbers("l", PAIRS),
-    )
+    actuation = layout.rotary_arms(azimuth, ARMS, PAIRS)
     plate_columns = layout.vectors("b", PAIRS)
     return Mechanism(
         kind="delta",

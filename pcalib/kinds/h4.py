@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from pcalib.kinds import Kind, azimuths, radius, size
-from pcalib.mechanics.actuation import RotaryArms
 from pcalib.mechanics.layout import Block, Layout, arm_columns
 from pcalib.mechanics.mechanism import HingeColumns, Mechanism, Pose
 
@@ -55,14 +54,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         actuators=tuple(f"q{i}" for i in ARMS),
         actuator_dimension="angle",
         actuator=arm,
-        actuation=RotaryArms(
-            azimuth=azimuth,
-            actuator=arm,
-            p=layout.vectors("p", ARMS),
-            beta=layout.vectors("beta", ARMS),
-            a=layout.vectors("a", PAIRS),
-            length=layout.numbers("l", PAIRS),
-        ),
+        actuation=layout.rotary_arms(azimuth, ARMS, PAIRS),
         plate_columns=layout.vectors("b", PAIRS),
         levels={
             "nominal": layout.nominal_level(),

@@ -29,25 +29,13 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         Block("l", ARMS, np.full(6, dimensions["rod_length"])),
         Block("beta", ARMS, np.zeros((6, 3)), "rad"),
     )
-    actuation = arms(layout, azimuth)
+    actuation = layout.rotary_arms(azimuth, ARMS, ARMS)
     plate_columns = layout.vectors("b", ARMS)
 
     def start(k: np.ndarray, q: np.ndarray) -> Pose:  # each pair is one virtual rod of a Delta, the plate level
         return simplified_pose(actuation, plate_columns, k, q)
 
     return six_arms("hexa", layout, actuation, u, start, level_pairs=True)
-
-
-def arms(layout: Layout, azimuth: np.ndarray) -> RotaryArms:
-    """Six arms, each with a rod of its own."""
-    return RotaryArms(
-        azimuth=azimuth,
-        actuator=np.arange(6),
-        p=layout.vectors("p", ARMS),
-        beta=layout.vectors("beta", ARMS),
-        a=layout.vectors("a", ARMS),
-        length=layout.numbers("l", ARMS),
-    )
 
 
 def six_arms(

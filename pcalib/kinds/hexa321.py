@@ -14,7 +14,7 @@ import numpy as np
 from pcalib import rotation
 from pcalib.kinds import Kind, azimuths, radius, size
 from pcalib.kinds.delta import trilaterate
-from pcalib.kinds.hexa import ARMS, arms, six_arms
+from pcalib.kinds.hexa import ARMS, six_arms
 from pcalib.mechanics.layout import Block, Layout
 from pcalib.mechanics.mechanism import Mechanism, Pose
 
@@ -36,7 +36,7 @@ def build(dimensions: Mapping[str, Any]) -> Mechanism:
         Block("l", ARMS, np.full(6, dimensions["rod_length"])),
         Block("beta", ARMS, np.zeros((6, 3)), "rad"),
     )
-    actuation = arms(layout, azimuth)
+    actuation = layout.rotary_arms(azimuth, ARMS, ARMS)
     plate_columns = layout.vectors("b", ARMS)
 
     def start(k: np.ndarray, q: np.ndarray) -> Pose:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcalib.mechanics.actuation import RotaryArms
 from pcalib.mechanics.mechanism import Level
 
 AXES = "xyz"
@@ -58,6 +59,19 @@ class Layout:
     def numbers(self, symbol: str, tags: Sequence[str]) -> np.ndarray:
         """(n,) where the numbers of these tags stand."""
         return np.array([self.names.index(f"{symbol}{tag}") for tag in tags])
+
+    def rotary_arms(self, azimuth: np.ndarray, arms: Sequence[str], rods: Sequence[str]) -> RotaryArms:
+        """Arms on motor axes, from the blocks p and beta of the arms and a and l of their rods.
+
+        Args:
+            azimuth: (nq,) [rad] direction of each motor axis.
+            arms, rods: their tags; the rods of an arm stand together, as many on each.
+        """
+        return RotaryArms(
+            azimuth=azimuth, actuator=np.repeat(np.arange(len(arms)), len(rods) // len(arms)),
+            p=self.vectors("p", arms), beta=self.vectors("beta", arms),
+            a=self.vectors("a", rods), length=self.numbers("l", rods),
+        )  # fmt: skip
 
     def level(
         self,
