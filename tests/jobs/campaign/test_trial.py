@@ -94,13 +94,22 @@ def test_a_method_that_fails_leaves_the_others_alone(written):
     assert figures(rows, "complete")["status"] == "failed" and "too few poses" in figures(rows, "complete")["reason"]
 
 
-def test_unexpected_errors_are_recorded_by_name(written, monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (ZeroDivisionError("by zero"), "ZeroDivisionError: by zero"),
+        (FitError("the fit is not usable (not converged): no minimum\nmore lines"),
+         "the fit is not usable (not converged): no minimum"),
+    ],
+    ids=["unexpected", "unusable fit"],
+)  # fmt: skip
+def test_what_stops_a_fit_is_the_reason_of_a_failed_row(written, monkeypatch, error, reason):
     def broken(*_args, **_more):
-        raise ZeroDivisionError("by zero")
+        raise error
 
     campaign = spec.load(written())
     monkeypatch.setattr(methods.identification, "fit", broken)
-    assert figures(rows_of(campaign), "complete")["reason"] == "ZeroDivisionError: by zero"
+    assert figures(rows_of(campaign), "complete")["reason"] == reason
 
 
 @pytest.mark.parametrize("error", [MemoryError(), OSError(28, "No space left on device")])
@@ -112,15 +121,6 @@ def test_troubles_of_the_computer_are_no_property_of_a_robot(written, monkeypatc
     monkeypatch.setattr(methods.identification, "fit", broken)
     with pytest.raises(type(error)):
         rows_of(campaign)
-
-
-def test_an_unusable_fit_is_a_failed_row(written, monkeypatch):
-    def refuse(*_args, **_more):
-        raise FitError("the fit is not usable (not converged): no minimum\nmore lines")
-
-    campaign = spec.load(written())
-    monkeypatch.setattr(methods.identification, "fit", refuse)
-    assert figures(rows_of(campaign), "complete")["reason"] == "the fit is not usable (not converged): no minimum"
 
 
 def test_faults_are_drawn_and_act(written):
