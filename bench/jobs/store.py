@@ -23,6 +23,7 @@ import pyarrow.parquet as pq
 from bench.jobs.study import TRIALS, Study, versions
 from pcalib import files
 from pcalib.errors import InputError
+from pcalib.wording import short
 
 RESULTS = "results.parquet"
 GROUP_ROWS = 60_000
@@ -260,7 +261,7 @@ def differences(old: Any, new: Any, path: str = "") -> Iterator[str]:
 
 def _short(value: Any) -> str:
     text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= 40 else text[:37] + "…"
+    return short(text, 40)
 
 
 @contextmanager

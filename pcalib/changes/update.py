@@ -20,6 +20,7 @@ from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.point import Point
 from pcalib.errors import FitError, InputError
 from pcalib.fitting import linearisation
+from pcalib.fitting.crossvalidation import rms
 from pcalib.fitting.sufficiency import require_reach
 from pcalib.model import Model
 from pcalib.posterior import Posterior
@@ -72,7 +73,7 @@ def update(model: Model, data: Measurements, changed: Sequence[Hypothesis], same
     for _ in range(ROUNDS):
         error, p = linearisation.residuals(model, data)
         require_reach(p, data)
-        after = _rms(error)
+        after = rms(error[:, :3])
         point = Point.of(model, p, linearisation.conditions_of(data))
         noise = noise_of(data, point)
         columns = noise.whiten(np.nan_to_num(known(point) @ factor))
@@ -86,7 +87,7 @@ def update(model: Model, data: Measurements, changed: Sequence[Hypothesis], same
         u = u + step[:r]
         model = _moved(old, model, factor @ u, level.basis, step[r:] * FRAME_PRIOR[:frames])
         if np.isnan(before):
-            before = _rms(linearisation.residuals(replace(model, k=old.k, effects=old.effects), data)[0])
+            before = rms(linearisation.residuals(replace(model, k=old.k, effects=old.effects), data)[0][:, :3])
         if np.abs(step[:r]).max() < SETTLED:
             break
     else:
@@ -138,9 +139,3 @@ def _moved(old: Model, model: Model, change: np.ndarray, basis: np.ndarray, fram
     if not len(frame) or model.frame is None:
         return out
     return replace(out, frame=model.frame.moved(frame))
-
-
-def _rms(error: np.ndarray) -> float:
-    """[m] of position errors (N, 6) over the rows that have them."""
-    square = np.nansum(error[:, :3] ** 2, axis=1)[~np.isnan(error[:, :3]).all(axis=1)]
-    return float(np.sqrt(square.mean())) if len(square) else float("nan")

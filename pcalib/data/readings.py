@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pcalib import sensors, units
-from pcalib.data import columns as cols
+from pcalib.data import sigma as sigmas
 from pcalib.data.columns import Columns
 from pcalib.data.table import Table
 from pcalib.errors import InputError
@@ -183,7 +183,7 @@ def find(columns: Columns, sigma: Mapping[str, float | str]) -> list[SensorReadi
                     f"{columns.name(given[0])} is given and no {sensor.to}", row=int(lacking[0]), column=sensor.to,
                     remedy="name what it is measured to, e.g. A",
                 )  # fmt: skip
-        own = _sigma(columns, sensor, sigma.get(sensor.sigma))
+        own = sigmas.stated(columns, sensor.sigma, sigma.get(sensor.sigma), sensor.usual_sigma)
         each = sensor.usual_sigma if own is None else own
         out.append(SensorReadings(
             sensor, row, to[row], value[row], np.broadcast_to(each, len(table))[row].astype(float), own is not None,
@@ -210,20 +210,6 @@ def _origins(table: Table, column: str, row: np.ndarray) -> tuple[np.ndarray, np
                 f"there is no pose '{named[r]}'", row=int(r), column=column, remedy="name a pose_id of the file"
             )
     return row, np.array([first[named[r]] for r in row], int)
-
-
-def _sigma(columns: Columns, sensor: Sensor, common: float | str | None) -> np.ndarray | float | None:
-    """σ of each row's reading: its own, else that of the metadata; None where the file states none."""
-    every = None if common is None else float(common)
-    if sensor.sigma not in columns:
-        return every
-    values = columns.si(sensor.sigma, blank=True)
-    bad = values < cols.SMALLEST_SIGMA
-    if bad.any():
-        raise columns.table.error(
-            "σ must be positive", row=int(np.argmax(bad)), column=columns.name(sensor.sigma), remedy="e.g. 0.02"
-        )
-    return np.where(np.isnan(values), sensor.usual_sigma if every is None else every, values)
 
 
 def from_poses(readings: Readings) -> dict[str, list[str]]:

@@ -27,17 +27,23 @@ _ROUNDING = 1e-9
 """Two variances that differ by less than this share are equal: files keep some fifteen digits."""
 
 
-def stated(columns: Columns, key: str, common: float | str | None) -> np.ndarray | float | None:
-    """σ of each row: its own, else that of the metadata; None where the file states none."""
+def stated(
+    columns: Columns, key: str, common: float | str | None, usual: float | None = None
+) -> np.ndarray | float | None:
+    """σ of each row: its own, else that of the metadata; None where the file states none.
+
+    Args:
+        usual: σ of rows that are blank in a file whose metadata state none; None: no row may be blank there.
+    """
     every = None if common is None else float(common)
     if key not in columns:
         return every
-    name = columns.name(key)
-    values = columns.si(key, blank=every is not None)
+    name, rest = columns.name(key), usual if every is None else every
+    values = columns.si(key, blank=rest is not None)
     if (values < cols.SMALLEST_SIGMA).any():
         row = int(np.argmax(values < cols.SMALLEST_SIGMA))
         raise columns.table.error("σ must be positive", row=row, column=name, remedy="e.g. 0.02")
-    return values if every is None else np.where(np.isnan(values), every, values)
+    return values if rest is None else np.where(np.isnan(values), rest, values)
 
 
 def of_axes(columns: Columns, key: str, said: Mapping[str, float | str]) -> np.ndarray | float | None:

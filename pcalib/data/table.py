@@ -20,6 +20,7 @@ import numpy as np
 
 from pcalib import files
 from pcalib.errors import InputError
+from pcalib.wording import short
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -115,7 +116,7 @@ class Table:
         problem = "is not a finite number"
         if is_number(cell) and math.isfinite(float(cell)):
             problem, remedy = "is beyond any meaning", f"numbers are below {LARGEST:.0e}"
-        raise self.error(f"{_short(cell)!r} {problem}", row=row, column=name, remedy=remedy)
+        raise self.error(f"{short(cell, 40)!r} {problem}", row=row, column=name, remedy=remedy)
 
 
 def is_number(cell: str) -> bool:
@@ -165,10 +166,6 @@ def _formatted(values: np.ndarray) -> list[str]:
         return [str(int(v)) for v in values]
     # 15 digits: every decimal number that was read comes back as it was written.
     return ["" if math.isnan(v) else f"{v:.15g}" for v in values.tolist()]
-
-
-def _short(cell: str) -> str:
-    return cell if len(cell) <= 40 else cell[:37] + "…"
 
 
 def _read_csv(path: Path) -> Table:

@@ -12,6 +12,7 @@ import numpy as np
 
 from pcalib.data import replicates
 from pcalib.data.measurement import Measurements
+from pcalib.fitting.drawing import spaced
 
 MOST = 2000
 """Rows that are looked at, about: 12,000 readings, in which 3 % of the noise is seen with five standard errors."""
@@ -45,9 +46,9 @@ def taken(data: Measurements, most: int = MOST) -> np.ndarray:
         if 1 < len(values) <= FEW:
             which, have = which.ravel(), np.bincount(which.ravel()[rows], minlength=len(values))
             for value in np.flatnonzero(have < np.minimum(EACH, counts)):
-                rows = np.union1d(rows, _spread(np.flatnonzero(which == value), EACH))
+                rows = np.union1d(rows, spaced(np.flatnonzero(which == value), EACH))
     group = replicates.groups(data)
-    repeated = _spread(np.unique(group[rows][group[rows] >= 0]), REPEATED)
+    repeated = spaced(np.unique(group[rows][group[rows] >= 0]), REPEATED)
     members = np.flatnonzero(np.isin(group, repeated))
     order = members[np.argsort(group[members], kind="stable")]
     first = np.searchsorted(group[order], group[order])
@@ -71,8 +72,3 @@ def _stretches(n: int, count: int, length: int) -> np.ndarray:
     """Rows in stretches that are evenly spread over n rows, ascending."""
     first = np.linspace(0, n - length, count).astype(int)
     return np.unique(first[:, None] + np.arange(length))
-
-
-def _spread(values: np.ndarray, most: int) -> np.ndarray:
-    """At most that many of the values, evenly spaced."""
-    return values[np.linspace(0, len(values) - 1, min(most, len(values))).astype(int)]

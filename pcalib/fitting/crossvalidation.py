@@ -41,12 +41,12 @@ class CrossValidation:
     @property
     def rms_pos(self) -> float:
         """[m] root of the mean squared position error."""
-        return _rms(self.error[:, :3])
+        return rms(self.error[:, :3])
 
     @property
     def rms_rot(self) -> float:
         """[rad], NaN without rotations."""
-        return _rms(self.error[:, 3:])
+        return rms(self.error[:, 3:])
 
     @property
     def max_pos(self) -> float:
@@ -69,7 +69,8 @@ class CrossValidation:
         return {"folds": self.folds, **{k: v * 1e6 if np.isfinite(v) else None for k, v in values.items()}}
 
 
-def _rms(error: np.ndarray) -> float:
+def rms(error: np.ndarray) -> float:
+    """Root mean square length of errors (N, 3), over the rows that have any."""
     some = ~np.isnan(error).all(axis=1)
     return float(np.sqrt(np.mean(np.nansum(error[some] ** 2, axis=1)))) if some.any() else float("nan")
 

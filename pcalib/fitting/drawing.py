@@ -101,14 +101,14 @@ def some_rows(data: Measurements, most: int = ROWS) -> Measurements:
     sensed = [] if data.readings is None else [np.intersect1d(rows, part) for *_, part in data.readings.parts]
     posed = np.setdiff1d(rows, np.concatenate(sensed)) if sensed else rows
     share = most / max(len(rows), 1)
-    picked = [_spaced(posed, round(share * len(posed)))]
-    picked += [_spaced(part, max(round(share * len(part)), _EACH)) for part in sensed]
+    picked = [spaced(posed, round(share * len(posed)))]
+    picked += [spaced(part, max(round(share * len(part)), _EACH)) for part in sensed]
     return data.take(data.whole(np.sort(np.concatenate(picked))))
 
 
-def _spaced(rows: np.ndarray, most: int) -> np.ndarray:
+def spaced(rows: np.ndarray, most: int) -> np.ndarray:
     """At most that many of the rows, evenly spaced."""
-    return rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)] if len(rows) else rows
+    return rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)]
 
 
 def distance(data: Measurements, robot: Robot, steps: int = STEPS) -> DrawingDistance | None:
