@@ -191,9 +191,6 @@ def metadata(
     others = others or {}
     accepted += dict.fromkeys(others.values())
 
-    def error(key: str, problem: str, remedy: str) -> InputError:
-        return InputError(problem, file=table.source, line=table.metadata_lines.get(key), remedy=remedy)
-
     for line, text in table.comments.items():
         word, colon = re.split(r"[\s:]", text, maxsplit=1)[0], ":" in text.split(maxsplit=1)[0]
         if word in wanted or units.split(word)[0] in wanted or (colon and word in plain):
@@ -205,11 +202,12 @@ def metadata(
         try:
             used |= units.resolve([*(name for name, _ in used.values()), key], dict(wanted), where="metadata")
         except InputError as problem:
-            raise error(key, problem.problem, problem.remedy) from None
+            raise table.metadata_error(key, problem.problem, problem.remedy) from None
         if key in plain:
             out[key] = table.metadata[key]
         elif key not in {name for name, _ in used.values()}:
-            raise error(key, unknown("metadata key", key, accepted), "a comment is a '#' line without '='")
+            remedy = "a comment is a '#' line without '='"
+            raise table.metadata_error(key, unknown("metadata key", key, accepted), remedy)
     for quantity, (key, factor) in used.items():
         text = table.metadata[key]
         try:
@@ -217,6 +215,7 @@ def metadata(
         except ValueError:
             value = np.nan
         if not SMALLEST_SIGMA <= value * factor < LARGEST:
-            raise error(key, f"metadata '{key}' must be a positive number, not {table.metadata[key]!r}", "e.g. 0.02")
+            problem = f"metadata '{key}' must be a positive number, not {table.metadata[key]!r}"
+            raise table.metadata_error(key, problem, "e.g. 0.02")
         out[quantity] = value * factor
     return out

@@ -12,7 +12,6 @@ import numpy as np
 
 from pcalib import rotation
 from pcalib.data.table import Table, is_number
-from pcalib.errors import InputError
 
 _LENGTHS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _ANGLES = {"urad": 1e-6, "mrad": 1e-3, "rad": 1.0, "deg": np.pi / 180, "arcsec": np.pi / 648000}
@@ -112,34 +111,30 @@ def read(table: Table, frame: str) -> Instrument | None:
     """
     given: dict[str, float] = {}
     used: dict[str, str] = {}
-    points = np.zeros((0, 3))
-
-    def error(problem: str, key: str, remedy: str) -> InputError:
-        return InputError(problem, file=table.source, line=table.metadata_lines.get(key), remedy=remedy)
-
+    points, wrong = np.zeros((0, 3)), table.metadata_error
     for key in table.metadata:
         if key not in KEYS:
             continue
         quantity, factor = _NUMBERS.get(key) or ("reflectors", _REFLECTORS[key])
         if quantity in used:
-            raise error(f"'{quantity}' is given twice: '{used[quantity]}' and '{key}'", key, "keep one of them")
+            raise wrong(key, f"'{quantity}' is given twice: '{used[quantity]}' and '{key}'", "keep one of them")
         used[quantity] = key
         text = table.metadata[key]
         if key in _REFLECTORS:
             rows = [part.split() for part in text.split(";")]
             if len(rows) < 3 or any(len(row) != 3 or not all(map(_finite, row)) for row in rows):
-                raise error(
-                    f"metadata '{key}' must hold three reflectors or more, not {text!r}", key,
+                raise wrong(
+                    key, f"metadata '{key}' must hold three reflectors or more, not {text!r}",
                     "write x y z of each in the plate frame, e.g. 30 0 -10; -30 0 -10; 0 40 -10",
                 )  # fmt: skip
             points = np.array(rows, float) * factor
             extent = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
             if extent[1] < _FLAT * extent[0] or extent[0] == 0:
-                raise error(f"the reflectors of '{key}' lie on one line, which fixes no rotation about it", key, "")
+                raise wrong(key, f"the reflectors of '{key}' lie on one line, which fixes no rotation about it", "")
             continue
         if not _finite(text) or (quantity[:7] != "tracker" and not float(text) > 0):
             what = "number" if quantity[:7] == "tracker" else "positive number"
-            raise error(f"metadata '{key}' must be a {what}, not {text!r}", key, "e.g. 15")
+            raise wrong(key, f"metadata '{key}' must be a {what}, not {text!r}", "e.g. 15")
         given[quantity] = float(text) * factor
     if not used:
         return None
@@ -147,21 +142,21 @@ def read(table: Table, frame: str) -> Instrument | None:
     first = next(iter(used.values()))
     ranged = "sigma_range" in given or "sigma_range_ratio" in given
     if ranged != ("sigma_angle" in given):
-        raise error(
-            "σ of range and of angle belong together", first,
+        raise wrong(
+            first, "σ of range and of angle belong together",
             "state sigma_range_um (or sigma_range_ppm, or both) and sigma_angle_urad",
         )  # fmt: skip
     if ranged and frame == "base" and None in station:
-        raise error(
-            "σ of range and angle needs the place of the tracker in the base frame", first,
+        raise wrong(
+            first, "σ of range and angle needs the place of the tracker in the base frame",
             "state tracker_x_mm, tracker_y_mm and tracker_z_mm, or # frame = tracker",
         )  # fmt: skip
     if len(points) and not (ranged or "sigma_reflector" in given):
-        raise error("the reflectors have no σ", first, "state sigma_reflector_um, or σ of range and angle")
+        raise wrong(first, "the reflectors have no σ", "state sigma_reflector_um, or σ of range and angle")
     if not len(points) and "sigma_reflector" in given:
-        raise error("sigma_reflector needs the reflectors' places", first, "state reflectors_mm = x y z; x y z; x y z")
+        raise wrong(first, "sigma_reflector needs the reflectors' places", "state reflectors_mm = x y z; x y z; x y z")
     if not ranged and not len(points):
-        raise error("the tracker's place is stated without its σ", first, "state sigma_range_um and sigma_angle_urad")
+        raise wrong(first, "the tracker's place is stated without its σ", "state sigma_range_um and sigma_angle_urad")
     origin = frame == "tracker" or None in station
     return Instrument(**given, station=np.zeros(3) if origin else np.array(station, float), reflectors=points)
 

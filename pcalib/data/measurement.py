@@ -282,10 +282,7 @@ def load(path: str | Path, robot: Robot | None = None, measured: bool = True) ->
     said = cols.metadata(table, keys | {"sigma_target": "length"}, ("frame", "robot", "euler"), others)
     frame = said.get("frame", "base")
     if frame not in FRAMES:
-        raise InputError(
-            f"frame '{frame}' is unknown", file=table.source, line=table.metadata_lines.get("frame"),
-            remedy=f"accepted: {', '.join(FRAMES)}",
-        )
+        raise table.metadata_error("frame", f"frame '{frame}' is unknown", f"accepted: {', '.join(FRAMES)}")
     frame = FRAMES[str(frame)]
     found = sensed.find(columns, said)
 
@@ -394,20 +391,16 @@ def _date(table: Table) -> datetime.date | None:
     try:
         return datetime.date.fromisoformat(text.strip()[:10])
     except ValueError:
-        raise InputError(
-            f"'{text}' is no date", file=table.source, line=table.metadata_lines.get("date"),
-            remedy="write year-month-day, e.g. # date = 2026-06-01",
-        ) from None
+        remedy = "write year-month-day, e.g. # date = 2026-06-01"
+        raise table.metadata_error("date", f"'{text}' is no date", remedy) from None
 
 
 def _rounds(table: Table) -> int:
     """The metadata `# rounds = 2`."""
     text = table.metadata.get("rounds", "1").strip()
     if not (text.isascii() and text.isdigit() and 1 <= int(text[:5]) <= MOST_ROUNDS and len(text) <= 4):
-        raise InputError(
-            f"rounds = {text} is no number of rounds of measuring", file=table.source,
-            line=table.metadata_lines.get("rounds"), remedy=f"write a whole number from 1 to {MOST_ROUNDS}",
-        )
+        problem = f"rounds = {text} is no number of rounds of measuring"
+        raise table.metadata_error("rounds", problem, f"write a whole number from 1 to {MOST_ROUNDS}")
     return int(text)
 
 
@@ -416,11 +409,9 @@ def _sigma_scale(table: Table) -> float:
     text = table.metadata.get("sigma_scale_ppm", "0")
     value = float(text) if is_number(text) else np.nan
     if not 0 <= value < MOST_PPM:
-        raise InputError(
-            f"sigma_scale_ppm = {text} is no 1σ of an instrument's scale", file=table.source,
-            line=table.metadata_lines.get("sigma_scale_ppm"),
-            remedy="write half of the expanded uncertainty (k = 2) of its certificate, in µm per metre, e.g. 5",
-        )
+        problem = f"sigma_scale_ppm = {text} is no 1σ of an instrument's scale"
+        remedy = "write half of the expanded uncertainty (k = 2) of its certificate, in µm per metre, e.g. 5"
+        raise table.metadata_error("sigma_scale_ppm", problem, remedy)
     return value * 1e-6
 
 

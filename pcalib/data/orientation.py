@@ -30,13 +30,8 @@ def read(
     if vector and quaternion:
         raise table.error("rotation is given twice: as rx ry rz and as a quaternion", remedy="keep one of them")
     if euler is not None and not vector:
-        where = table.metadata_lines.get("euler")
-        raise InputError(
-            "euler says how rx, ry and rz are read, and there are none",
-            file=table.source,
-            line=where,
-            remedy="name the columns rx_deg, ry_deg, rz_deg, or leave the line out",
-        )
+        remedy = "name the columns rx_deg, ry_deg, rz_deg, or leave the line out"
+        raise table.metadata_error("euler", "euler says how rx, ry and rz are read, and there are none", remedy)
     if quaternion:
         cols.require(columns, dict.fromkeys(QUATERNION, ""), "a quaternion needs qw, qx, qy and qz")
         values = columns.matrix(QUATERNION, blank=True)

@@ -11,7 +11,6 @@ from pcalib import sensors, units
 from pcalib.data import sigma as sigmas
 from pcalib.data.columns import Columns
 from pcalib.data.table import Table
-from pcalib.errors import InputError
 from pcalib.sensors.base import Sensor
 
 POSE = ""
@@ -135,9 +134,7 @@ def options(table: Table) -> dict[str, object]:
             try:
                 value = sensor.option(key, text)
             except ValueError as accepted:
-                line = table.metadata_lines.get(key)
-                problem = f"metadata '{key}' is {text!r}"
-                raise InputError(problem, file=table.source, line=line, remedy=f"accepted: {accepted}") from None
+                raise table.metadata_error(key, f"metadata '{key}' is {text!r}", f"accepted: {accepted}") from None
             if value is not None:
                 out[key] = value
     return out

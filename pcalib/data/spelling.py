@@ -16,7 +16,6 @@ from typing import NoReturn
 from pcalib import units
 from pcalib.data import table as tables
 from pcalib.data.table import Table
-from pcalib.errors import InputError
 
 _BRACKETS = re.compile(r"(\w+)\s*[\[(]\s*([^\])]+?)\s*[\])]")
 _OURS = re.compile(r"r?[xyz]|q\d+|tool_[xyz]", re.IGNORECASE)
@@ -103,12 +102,10 @@ def _plain(name: str) -> str:
 
 def _named(table: Table, names: Sequence[str]) -> Table:
     """The table with its columns named by its line '# columns = …'."""
-    line = table.metadata_lines.get("columns")
     if len(names) != len(table.columns) or len(set(names)) != len(names) or not all(names):
-        raise InputError(
-            f"'columns' gives {len(names)} names for {len(table.columns)} columns, each of which needs one of its own",
-            file=table.source, line=line, remedy="write one name for each column, in order, separated by commas",
-        )  # fmt: skip
+        counts = f"{len(names)} names for {len(table.columns)} columns"
+        problem = f"'columns' gives {counts}, each of which needs one of its own"
+        raise table.metadata_error("columns", problem, "write one name for each column, in order, separated by commas")
     said = {key: value for key, value in table.metadata.items() if key != "columns"}
     return replace(table, columns=dict(zip(names, table.columns.values(), strict=True)), metadata=said)
 

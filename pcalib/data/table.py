@@ -58,6 +58,10 @@ class Table:
         line = self.header_line if row is None else int(self.lines[row])
         return InputError(problem, file=self.source, line=line, column=column, remedy=remedy)
 
+    def metadata_error(self, key: str, problem: str, remedy: str) -> InputError:
+        """An error at the line of a metadata key."""
+        return InputError(problem, file=self.source, line=self.metadata_lines.get(key), remedy=remedy)
+
     def blank(self, name: str) -> np.ndarray:
         """(N,) which cells of a column are empty."""
         cells = self.columns[name]

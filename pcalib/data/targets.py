@@ -86,10 +86,8 @@ def load_targets(path: str | Path, robot: Robot) -> Targets:
     _refuse_measurements(table, columns, old)
     said = cols.metadata(table, {}, ("robot", "frame"))
     if said.get("frame", "base") != "base":
-        raise InputError(
-            f"frame '{said['frame']}': targets stand in the base frame of the robot", file=table.source,
-            line=table.metadata_lines.get("frame"), remedy="transform them, or write '# frame = base'",
-        )
+        problem = f"frame '{said['frame']}': targets stand in the base frame of the robot"
+        raise table.metadata_error("frame", problem, "transform them, or write '# frame = base'")
     task = mechanism.task
     needed = {name: "length" for i, name in enumerate(cols.POSITION) if i in task}
     cols.require(columns, needed, "it holds the wanted TCP position")
