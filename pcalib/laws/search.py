@@ -45,27 +45,20 @@ class _Tried:
     p: float
     bic: float
     companion: int = -1
-    """Which companion it stands beside; −1: none."""
+    """Index of the companion beside which the law stands; −1: none."""
 
 
-def propose(
-    made: Problem, alpha: float = adequacy.ALPHA, level: float = adequacy.AGAINST[0], seed: int = 0
-) -> Proposals:
-    """Laws that explain what a model leaves over, by classes.
-
-    Args:
-        alpha: chance at which the best law of the whole grammar may pass for one where nothing is missing.
-        level: at which data speak against a law.
-    """
+def propose(made: Problem, seed: int = 0) -> Proposals:
+    """Laws that explain what a model leaves over, by classes; none where their search finds as much in pure noise."""
     search = _Search.of(made, seed)
     listed = search.best_listed()
     tried, null = search.all([search.outside(made.whitened(c.columns)) for c in listed])
     if not tried:
         return Proposals((), 0, 1.0, made)
     p = float(adequacy.corrected(min(t.p for t in tried), null))
-    if p > alpha:
+    if p > adequacy.ALPHA:
         return Proposals((), len(tried), p, made)
-    judge = Judge.of(made, p, level, seed)
+    judge = Judge.of(made, p, adequacy.AGAINST[0], seed)
     alone = search.refined(_one_of_each([t for t in tried if t.companion < 0]))
     found = judge.all([((t.law,), (), t.bic) for t in alone])
     if not any(f.adequate for f in found):
@@ -87,7 +80,7 @@ class _Search:
     y: np.ndarray
     """(M,) Residuals outside the nuisance."""
     draws: np.ndarray
-    """(M, n) float32, the same of pure noise."""
+    """(M, n) float32, draws of pure noise outside the nuisance."""
     U: np.ndarray
     """(M, r) Orthonormal basis of the nuisance."""
     p_value: Callable[[np.ndarray, np.ndarray], np.ndarray]
