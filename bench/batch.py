@@ -33,7 +33,7 @@ MAX_ITERATIONS = 12
 
 
 POSITION = int(mujoco.mjtStage.mjSTAGE_POS)  # type: ignore[attr-defined]
-"""Of MuJoCo's forward stages, the one that knows tendon lengths and their Jacobian."""
+"""The forward stage of MuJoCo that knows tendon lengths and their Jacobian."""
 Near = tuple[np.ndarray, np.ndarray]
 """Plate positions (N, 3) [m] and orientations (N, 3, 3)."""
 

@@ -19,7 +19,7 @@ class Row:
     """One command and the state of the world in which it is carried out."""
 
     index: int
-    """Its number in the plan, from 0."""
+    """Number of the row in the plan, from 0."""
     q: np.ndarray
     """(nq,) commanded actuator values, what the encoders read [rad or m]."""
     tool: np.ndarray

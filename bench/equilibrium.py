@@ -28,7 +28,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs  # pyright: ignore[reportAttribut
 from bench.closing import Loops
 
 TOLERANCE = 1e-12
-"""[m] of loop error, and [m, rad] of the last step."""
+"""Norm of the loop errors [m] and of the last step [m, rad] below which the search ends."""
 SLOW = 0.1
 """A step longer than this share of the one before calls for a better matrix."""
 

@@ -73,9 +73,9 @@ class Reading:
     sigma_pos: np.ndarray
     """(N,) [m] 1σ per component, as the instrument's maker states it."""
     sigma_rot: np.ndarray
-    """(N,) [rad]."""
+    """(N,) [rad] 1σ per component of the rotation."""
     covariance: np.ndarray
-    """(N, 6, 6) [m, rad] of the noise of each row, as it is."""
+    """(N, 6, 6) [m, rad] true covariance of the noise of each row."""
     description: Description | None
     """What the data file states of the instrument beside or instead of σ."""
     states: tuple[bool, bool]

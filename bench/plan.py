@@ -35,7 +35,7 @@ OPTIMAL = "d-optimal"
 """The D-optimal plan. It needs the formulas of pcalib and is therefore made in `bench.jobs.optimal`."""
 STREAM = 0x91A
 PAYLOADS = (0.0, 1.0, 2.0)
-"""[kg] of a rich plan, unless others are asked for."""
+"""[kg] payloads of a rich plan, unless others are asked for."""
 SWING = 6.0
 """[K] by which temperatures of a rich plan swing about 22 °C."""
 PACE = 20.0

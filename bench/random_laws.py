@@ -37,9 +37,9 @@ class Term:
     """'q', 'neighbour', 'load', 'x', 'y', 'z', 'direction', a recorded column, or 'play' and 'fading': with memory."""
     shape: str
     first: float
-    """Number of the shape: slope, threshold or cycles per turn."""
+    """First number of the shape: slope, threshold or cycles per turn."""
     second: float
-    """Its second number: phase or place."""
+    """Second number of the shape: phase or place."""
 
     def of(self, u: np.ndarray) -> np.ndarray:
         """Return values of the shape at u."""

@@ -55,7 +55,7 @@ class DataSet:
     outlier: np.ndarray
     """Rows that are grossly wrong, and in the measurements."""
     covariance: np.ndarray
-    """(N, 6, 6) [m, rad] of the noise of the measured rows, as it is."""
+    """(N, 6, 6) [m, rad] true covariance of the noise of the measured rows."""
 
 
 def run(

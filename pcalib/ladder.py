@@ -68,11 +68,11 @@ class Expected:
     """How far off landings may be at P targets, as the models of S steps state it; NaN where one states nothing."""
 
     covariance: np.ndarray
-    """(S, P, 3, 3) [m²] of the miss, base frame."""
+    """(S, P, 3, 3) [m²] covariance of the miss, base frame."""
     u95: np.ndarray
     """(S, P) [m] radius that contains the miss with 95 %."""
     pooled: np.ndarray
-    """(S,) [m] the same of all targets taken together."""
+    """(S,) [m] radius that contains 95 % of the misses at all targets together."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,15 +102,15 @@ class Unexplained:
     """What a fit leaves beyond the noise, and where that was seen."""
 
     shift: float
-    """[m] standard deviation of the plate's displacement per component, and"""
+    """[m] standard deviation of a component of the plate's displacement."""
     turn: float
-    """[rad] of its rotation."""
+    """[rad] standard deviation of a component of the plate's rotation."""
     rows: int
-    """Rows by which this was found: each was predicted by a fit without it, and"""
+    """Number of rows from which this was found: each was predicted by a fit without it."""
     inside: int
-    """how many of these lie inside of what was predicted for them."""
+    """Number of these rows that lie inside of what was predicted for them."""
     held_out: int
-    """How many of them were held out by the user; the others were left out one by one."""
+    """Number of these rows that the user held out; the others were left out one by one."""
     measured: Envelope
     rivals: tuple[Mapping[str, Any], ...] = ()
     """Other explanations of the same data, as history entries of model files, each with its `weight` by evidence."""

@@ -57,7 +57,7 @@ class Fault:
     """Base of all faults: settings as attributes, and hooks that do nothing."""
 
     SETTINGS: ClassVar[tuple[Setting, ...]]
-    """Its numbers."""
+    """The numbers of the fault."""
     MJCF: ClassVar[str]
     """What it is in the model, for the documentation."""
     NEEDS: ClassVar[tuple[str, ...]] = ()

@@ -38,9 +38,9 @@ class Coverage:
     situation: str
     robots: int
     parameters: float
-    """Of geometric parameters."""
+    """Share of intervals of geometric parameters."""
     tcp: float
-    """Of TCP ellipsoids."""
+    """Share of ellipsoids of the TCP."""
     uncertain: float
     """1σ of the TCP share: robots are independent, places of one robot are not."""
 

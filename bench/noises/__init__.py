@@ -55,7 +55,7 @@ class Noise:
     """Base of all noises: settings, errors of the readings, and their covariance."""
 
     SETTINGS: ClassVar[tuple[Setting, ...]] = ()
-    """Its own numbers, beside those that every instrument has."""
+    """Numbers of this noise, beside those that every instrument has."""
     BESIDE: ClassVar[tuple[bool, bool]] = (True, True)
     """Whether a data file that describes the instrument also states σ of positions, and σ of rotations."""
 

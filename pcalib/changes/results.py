@@ -37,12 +37,13 @@ class Changed:
 
     candidate: Candidate
     theta: np.ndarray
+    """(p,) [SI] fitted change along the directions of the hypothesis."""
     sigma: np.ndarray
-    """(p,) [SI] Its change in the directions of the hypothesis, and 1σ; inf where these poses cannot see it."""
+    """(p,) [SI] 1σ of the change; inf where these poses cannot see it."""
     s: float
     """Norm of what it takes up on its own, noise units."""
     p: float
-    """Corrected for everything that was looked at."""
+    """p of the candidate, corrected for everything that was looked at."""
     smallest: np.ndarray
     """(p,) [SI] Smallest change that would have been seen with 90 % power; inf where none would."""
     slip: Slip | None = None
@@ -87,9 +88,9 @@ class Changes:
     frame: np.ndarray
     """(0 or 6) [m, rad] Change of the measuring frame: displacement of the readings' centroid, and rotation."""
     chi2_dof: float
-    """Of the new session under the old model, the frame allowed for."""
+    """χ² per degree of freedom of the new session under the old model, the frame allowed for."""
     p: float
-    """Of the smallest p of all that was looked at."""
+    """Smallest p of all that was looked at, corrected for the looking."""
     critical: float
     session: LinearisedSession
 

@@ -82,7 +82,7 @@ def count(most: int = MOST_ROWS, least: int = 1) -> Parameter:
 
 
 _PLAIN = Parameter(negative=(), show_default=lambda value: None if value in (None, "", ()) else str(value))
-"""Of every option: no --no-…, and no default where it is nothing."""
+"""What holds for every option: there is no --no-…, and an empty default is not shown."""
 
 
 def app(name: str, package: str, path: Iterable[str], description: str, examples: str = "") -> App:

@@ -43,7 +43,7 @@ class Instrument:
     sigma_range_ratio: float = 0.0
     """further σ per distance, independent of it."""
     sigma_angle: float = 0.0
-    """[rad] of both angles: σ across the line of sight per distance."""
+    """[rad] 1σ of both angles: σ across the line of sight over the distance."""
     station: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """(3,) [m] where the tracker stands, measuring frame."""
     sigma_reflector: float = 0.0

@@ -31,7 +31,7 @@ class Readings:
     options: Mapping[str, object] = field(default_factory=dict)
     """Metadata of the sensors."""
     written: Mapping[str, str] = field(default_factory=dict)
-    """The same as the file has them."""
+    """Metadata of the sensors as text, as the file has them."""
     origin: np.ndarray | None = None
     """(N,) int, row of the pose from which a distance is measured, −1 where there is none; None: no row has one."""
 

@@ -38,7 +38,7 @@ class Test:
 
     chosen: tuple[int, ...]
     p: np.ndarray
-    """(G,) of every group given the chosen ones; 1 where it has nothing of its own."""
+    """(G,) p of every group beside the chosen ones; 1 where a group adds nothing to them."""
     smallest: float
     """Smallest p, what lies outside every group included."""
     hottest: int

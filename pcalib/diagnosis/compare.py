@@ -38,7 +38,7 @@ class FarRow:
     """RMS over its readings, in units of the noise."""
     check: bool
     outlier: bool
-    """It fits neither model nor any pattern, and is set aside by a diagnosis."""
+    """Whether the row fits neither the model nor any pattern, so that a diagnosis sets it aside."""
 
 
 @dataclass(frozen=True)

@@ -51,9 +51,9 @@ class Options:
     """Conditions that a plan may choose from."""
 
     payloads: Sequence[float] | None = None
-    """[kg]; those of the data when absent, or 0, 1, 2 where the data have but one."""
+    """[kg] payloads to measure with; None: those of the data, or 0, 1 and 2 kg where the data have but one."""
     tools: np.ndarray | None = None
-    """(T, 3) [m]; those of the data when absent."""
+    """(T, 3) [m] tools to measure with; None: those of the data."""
     candidates: int = 1200
     seed: int = 0
 
@@ -241,7 +241,7 @@ class _Instrument:
     """What further rows would measure, and how well."""
 
     sigma: np.ndarray
-    """(1, 6) of all rows or (N, 6) [m, rad]; inf where a component is not measured."""
+    """(1, 6) for all rows or (N, 6) [m, rad] 1σ; inf where a component is not measured."""
     sigma_q: float
     """[rad or m] joint repeatability."""
     lever: float

@@ -44,9 +44,9 @@ class Hypothesis:
     spec: str
     """How a command line names this variant."""
     effect: Effect | None = None
-    """Of an effect or a law."""
+    """The effect or law that the hypothesis adds; None for a level or a part."""
     basis: np.ndarray | None = None
-    """(nk, p) directions of the geometric parameters: of a level or a part."""
+    """(nk, p) directions of the geometric parameters that a level or a part frees; None for an effect or a law."""
     units: tuple[str, ...] = ()
     """(p,) unit of each direction of the geometry: 'm', 'rad' or '1'."""
     words: str = ""

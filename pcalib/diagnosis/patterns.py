@@ -26,7 +26,7 @@ CHANNELS = {
 }
 """Channel → how it is called in a sentence."""
 SLIDING = {"actuator": "motor positions"}
-"""The same where actuator values are lengths."""
+"""How channels are called instead where actuator values are lengths."""
 HIGHEST = 4
 """Degree of the richest patterns."""
 HOT = 0.05
@@ -59,7 +59,7 @@ class Pattern:
     sliding: bool = False
     """Whether actuator values are lengths."""
     found: Break | None = None
-    """Where it breaks, of a pattern that is a step or a change of slope."""
+    """The step or change of slope that the pattern describes; None for other patterns."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Cell:
     sliding: bool = False
     """Whether actuator values are lengths."""
     found: Break | None = None
-    """Where it breaks, of a step or a change of slope."""
+    """The step or change of slope of the pattern; None for other patterns."""
     theta: np.ndarray | None = None
     """(p,) [SI] size of that break, fitted alone."""
     s_left: float = 0.0

@@ -113,7 +113,7 @@ class Screen:
     residual: np.ndarray
     """(M,) readings less what the nuisance takes up."""
     free: int
-    """Degrees of freedom of it."""
+    """Degrees of freedom of `residual`."""
     y: np.ndarray
     """(D,) residuals."""
     draws: np.ndarray
@@ -121,7 +121,7 @@ class Screen:
     left: tuple[float, int] | None
     """Square sum and degrees of freedom outside every group; None where the noise level was taken from it."""
     left_draws: np.ndarray
-    """(n,) the same square sum of the draws."""
+    """(n,) square sum of each draw outside every group."""
     nu: float
     """Degrees of freedom of the noise level over all classes."""
 

@@ -36,16 +36,16 @@ class Break:
     channel: str
     """'actuator' or 'body'."""
     member: int
-    """Which actuator; −1 for the body."""
+    """Index of the actuator; −1 for the body."""
     shape: str
     """'step', or 'slope': what begins to grow evenly with time."""
     row: int
-    """First row after it."""
+    """First row after the break."""
     columns: np.ndarray
-    """(N, 6, p) derivative of the readings [m, rad] by its size [rad or m]; of a slope, by its size at the end."""
+    """(N, 6, p) derivative of the readings [m, rad] by the size of the step, or of the slope at its end [rad or m]."""
     search: Search
     clear: bool
-    """It is beyond chance by itself."""
+    """Whether the break alone is larger than chance allows."""
 
 
 def breaks(

@@ -58,7 +58,7 @@ class LibraryEffect(Effect):
     quantities: ClassVar[tuple[EffectParameter, ...]]
     """The numbers of one arm or rod."""
     sliding: ClassVar[tuple[EffectParameter, ...]] = ()
-    """Those where actuators slide, if other units apply there."""
+    """The numbers of one carriage or leg, where other units than those of arms apply."""
 
     linear = True
 

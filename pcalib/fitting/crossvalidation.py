@@ -36,7 +36,7 @@ class CrossValidation:
     spread: np.ndarray
     """(nz,) standard deviation of each unknown over the folds [its unit]."""
     names: tuple[str, ...]
-    """Of the unknowns."""
+    """(nz,) names of the unknowns."""
 
     @property
     def rms_pos(self) -> float:

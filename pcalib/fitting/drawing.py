@@ -60,20 +60,20 @@ class DrawingDistance:
     misfit: float
     """Σ (residual/σ)² of what the fit leaves."""
     prior: float
-    """Σ (change/width)² of what it needed."""
+    """Σ (change/width)² of the changes of parameters that the fit needed."""
     readings: int
     parameters: int
-    """How many the fit had to its disposal."""
+    """Number of parameters that the fit could change."""
     tolerances: float
     """Largest change of a parameter, in manufacturing tolerances."""
     rms_pos: float
     """[m] RMS of what the fit leaves of positions, per component; NaN without any."""
     rms_rot: float
-    """[rad] The same of rotations."""
+    """[rad] RMS of what the fit leaves of rotations, per component; NaN without any."""
     ratio_pos: float
     """RMS of the residuals of positions over their σ; NaN without any."""
     ratio_rot: float
-    """The same of rotations."""
+    """RMS of the residuals of rotations over their σ; NaN without any."""
 
     @property
     def cost(self) -> float:

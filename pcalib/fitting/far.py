@@ -24,17 +24,17 @@ class Far:
     name: str
     """A coordinate of the level, or a part that one number describes: `l11`, `q2.zero`."""
     words: str
-    """The same in a technician's words."""
+    """What a technician calls it."""
     change: float
-    """From the drawing [SI]."""
+    """Change from the drawing [SI]."""
     sigma: float
-    """1σ of it [SI]."""
+    """1σ of the change [SI]."""
     tolerances: float
-    """|change| over its manufacturing tolerance (1σ)."""
+    """|change| over the manufacturing tolerance (1σ)."""
     unit: str
     """'m', 'rad' or '1'."""
     setting: bool
-    """Whether it is set by somebody, as the zero of a motor is, and not made in a workshop."""
+    """Whether somebody sets the value, as the zero of a motor; other values are made in a workshop."""
 
     def sentence(self) -> str:
         """Where it lies, in words."""

@@ -45,7 +45,7 @@ class Memory:
     rows: float
     """Rows over which the correlation falls to 1/e, at the usual distance of rows in time."""
     tau: float
-    """The same in units of `time_of`."""
+    """Time over which the correlation falls to 1/e, in units of `time_of`."""
     share: tuple[float, float]
     """ρ of positions and of rotations."""
 

@@ -49,11 +49,11 @@ class Judgement:
     """Whether data and robot belong together as they are written."""
 
     distance: DrawingDistance | None
-    """Of the data as they are read; None where no quick fit is possible."""
+    """How far the data, as they are read, are from the drawing; None where no quick fit is possible."""
     readings: tuple[tuple[str, str, str], ...] = ()
-    """(code, words, edit) of what brings the data home, best first."""
+    """(code, words, edit) of every other reading that brings the data near the drawing, best first."""
     numbers: tuple[tuple[str, str, str, float], ...] = ()
-    """The same of single numbers that are far from the drawing, and by how many manufacturing tolerances."""
+    """(code, words, edit, tolerances) of single numbers that are far from the drawing."""
     frame: bool = False
     """Whether the data come home once the measuring frame is unknown: '# frame = tracker'."""
     tried: bool = False

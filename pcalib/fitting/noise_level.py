@@ -27,7 +27,7 @@ ENOUGH_REPLICATES = 10
 ENOUGH_REST = 60
 """Degrees of freedom outside all groups from which on their scatter may stand in for replicates."""
 ENOUGH_BESIDE = 20
-"""The same where it only sharpens what replicates say."""
+"""Degrees of freedom outside all groups from which on their scatter is pooled with replicates."""
 CONTRASTS = 200
 """Differences between replicates that are taken of each component at most: they give σ of positions to 3 %."""
 _NOTHING = 1e-6

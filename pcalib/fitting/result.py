@@ -134,9 +134,9 @@ class Fit(Shown):
     weight: np.ndarray
     """(N,) robust weights; 1 with linear loss and on rows held out."""
     accuracy: Accuracy
-    """Of the fitted rows, and"""
+    """Figures of the fitted rows."""
     check: Accuracy | None
-    """of those held out."""
+    """Figures of the rows held out; None where there are none."""
     identifiability: Identifiability
     expected: int
     """Directions that well-spread poses with the same kind of readings would identify at this level."""

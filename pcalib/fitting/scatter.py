@@ -45,11 +45,11 @@ class Scale:
 
     source: Source
     ratio: np.ndarray
-    """(2,) of positions and rotations; 1 where the stated σ stands."""
+    """(2,) noise of positions and of rotations over σ; 1 where the stated σ is taken."""
     dof: np.ndarray
-    """(2,) degrees of freedom behind each; inf where the stated σ stands."""
+    """(2,) degrees of freedom of each ratio; inf where the stated σ is taken."""
     replicates: np.ndarray
-    """(2,) the same ratio as replicates alone show it; NaN where too few rows are repeated."""
+    """(2,) noise over σ as replicates alone show it; NaN where too few rows are repeated."""
     sigma_q: float = 0.0
     """[rad or m] 1σ repeatability of the joints, in the weights of the fit; 0 where replicates do not show it."""
     components: tuple[np.ndarray, np.ndarray] = (np.full(6, np.nan), np.zeros(6))

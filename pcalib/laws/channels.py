@@ -33,7 +33,7 @@ class Channel:
     contribution: Callable[[Situation, np.ndarray], Contribution]
     """Contribution of deviations (N, places) in SI."""
     text: str
-    """The same as Python text; `{v}` stands for the deviations."""
+    """Python text of the same computation, in which `{v}` stands for the deviations."""
     suits: Callable[[Mechanism], bool] = lambda mechanism: True
 
     def names(self, mechanism: Mechanism) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ class Variable:
     values: Callable[[Situation], np.ndarray]
     """(N,), (N, nq) or (N, m), SI."""
     text: str
-    """The same as Python text of `at`."""
+    """Python text of the same computation from `at`."""
     unit: str = ""
     """SI unit in words; empty where none is known."""
     origin: float | None = None
@@ -147,7 +147,7 @@ class Shape:
     values: Callable[[np.ndarray, float], tuple[np.ndarray, ...]]
     """One or two functions (…) of u (…) and the constant c."""
     text: tuple[str, ...]
-    """The same as Python text of `{u}` and `{c}`."""
+    """Python text of the same computation from `{u}` and `{c}`."""
     on: str
     """Which variables it is tried on: names, 'angle' or 'travel' for the motor's own angle or travel alone, 'pose' for
     all that are recorded once per row."""

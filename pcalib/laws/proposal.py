@@ -78,7 +78,7 @@ class Proposals:
     tried: int
     """Laws that were tried."""
     p: float
-    """Of the best law, corrected for the whole grammar."""
+    """p of the best law, corrected for the whole grammar."""
     problem: Problem
 
     @property

@@ -117,7 +117,7 @@ _TRIES = 30
 """Most evaluations from one start: a good start takes ten, and gross readings may prevent convergence."""
 
 Function = Callable[[np.ndarray], np.ndarray]
-"""Of the unknowns of a set-up: (n,) residuals, or their (n, p) derivatives."""
+"""From the unknowns (p,) of a set-up to (n,) residuals, or to their (n, p) derivatives."""
 
 
 def best(residual: Function, starts: Sequence[np.ndarray], slopes: Function | None = None) -> np.ndarray:

@@ -55,7 +55,7 @@ class Style:
     size: float
     """[m] length that radii of drawn parts are taken from."""
     radius: float = 1.0
-    """[m] of the workspace, by which the arrows of a single step are scaled."""
+    """[m] radius of the workspace, by which the arrows of a single step are scaled."""
 
     @classmethod
     def of(cls, ladder: Ladder, size: float) -> Style:

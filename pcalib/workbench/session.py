@@ -23,7 +23,7 @@ SHAPE = {
     "pending": [{"action": str, "asked": {"*": str}}],
 }  # fmt: skip
 LARGEST = 64 * 2**20
-"""[bytes] of one file that is handed over: a million poses as text."""
+"""[bytes] largest file that is handed over: a million poses as text."""
 _MODEL = re.compile(r"model\d+\.toml", re.ASCII)
 LAW = re.compile(r"laws/[a-z0-9_]{1,80}\.py:[A-Za-z]\w{0,80}", re.ASCII)
 """A law that was proposed in the session's folder."""

@@ -33,11 +33,11 @@ from pcalib.cli import frame
 from pcalib.errors import PcalibError
 
 SECONDS, WAITING = 20, 300
-"""[s] of the processor, and of the clock: a case that takes longer hangs."""
+"""[s] of processor time and of the clock after which a case counts as hanging."""
 MEMORY = 1_000_000_000
-"""[bytes] of the whole attack."""
+"""[bytes] of memory that the whole attack may take."""
 READ_SHARE = 0.92
-"""Of the cases, how many go to a reader; the others go through a command, which takes fifty times as long."""
+"""Share of the cases that go to a reader; the others go through a command, which takes fifty times as long."""
 SLOW = ("diagnose", "explain", "next", "demo", "blind", "campaign", "regress", "verify", "propose")
 """Commands that take seconds where their input is good: files that can be read are rarely given to them."""
 FILES = {

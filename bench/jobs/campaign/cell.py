@@ -97,10 +97,10 @@ class Verify:
     """Where and how the calibrated robot is checked."""
 
     targets: int
-    """Of random places; a grid and rings have their own number."""
+    """Number of targets at random places; a grid and rings have numbers of their own."""
     places: str
     spacing: float
-    """[m] of a grid; 0: a fifth of the workspace's radius."""
+    """[m] between points of a grid; 0: a fifth of the workspace's radius."""
     payload: float
     """[kg]"""
     temp: float

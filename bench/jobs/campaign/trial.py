@@ -72,7 +72,7 @@ class Specimen:
 
     stand: Stand
     seed: int
-    """Of the landings."""
+    """Seed of the landings."""
     machine: BatchMachine | Machine
     data: Measurements
 
@@ -84,7 +84,7 @@ class Calibrated:
     q: np.ndarray
     """(T·P, nq) commands, NaN where there is none."""
     figures: Mapping[str, Any]
-    """Of the fit."""
+    """Figures of the fit."""
     aligned: bool
     """Whether landings are judged after the best rigid motion: the model comes from an unknown frame."""
 

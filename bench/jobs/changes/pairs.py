@@ -113,7 +113,7 @@ class Pair:
     seed: int
     payloads: bool = False
     noise: int = 0
-    """Which noise the second session has."""
+    """Number of the noise that the second session has."""
 
     @classmethod
     def draw(cls, kind: str | Robot, n: int, setup: str, rng: np.random.Generator, loaded: bool = False) -> Pair:

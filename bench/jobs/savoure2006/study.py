@@ -61,7 +61,7 @@ class Found:
     scaling: dict[float, Scores]
     """By factor on the errors of Table 2, h = 200 mm, 19 poses."""
     scaling_poses: dict[float, Scores]
-    """The same with ten times the poses."""
+    """By factor on the errors of Table 2, h = 200 mm, 181 poses."""
     delta: dict[str, Scores]
     """By key of :data:`DELTA_ERRORS`."""
     rank: int
