@@ -137,7 +137,7 @@ def check_places(*paths: str | Path | None) -> None:
 
 
 def check_folder(path: str | Path | None) -> None:
-    """The same for a folder of results, which need not be there yet.
+    """Check that a folder of results, which need not be there yet, can be written.
 
     Raises:
         InputError: it is a file, or cannot be made or written.

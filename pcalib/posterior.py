@@ -40,7 +40,7 @@ class Remaining:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Remaining:
-        """From the section [posterior] of a model file; files of earlier versions have `noise` alone.
+        """The posterior in the section [posterior] of a model file; files of earlier versions have `noise` alone.
 
         Raises:
             InputError: a number is missing or makes no sense.
@@ -70,7 +70,7 @@ class Posterior:
 
     @classmethod
     def of(cls, names: tuple[str, ...], half: np.ndarray, left: Remaining) -> Posterior:
-        """From any factor `half` (n, r) of the covariance."""
+        """The posterior whose covariance has any factor `half` (n, r)."""
         n = len(names)
         padded = np.vstack([half.T, np.zeros((max(0, n - half.shape[1]), n))])
         triangle = np.asarray(np.linalg.qr(padded, mode="r"))
@@ -92,7 +92,7 @@ class Posterior:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], names: tuple[str, ...]) -> Posterior:
-        """From the section [posterior] of a model file.
+        """The posterior in the section [posterior] of a model file.
 
         Args:
             names: the unknowns that the model has.

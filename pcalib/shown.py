@@ -26,5 +26,5 @@ class Tabled(Shown):
         return _notebook().arrow(self)
 
     def to_pandas(self) -> Any:
-        """The same as a `pandas.DataFrame`; pandas must be there."""
+        """The table as a `pandas.DataFrame`; pandas must be there."""
         return self.to_arrow().to_pandas()

@@ -116,7 +116,7 @@ class Unexplained:
     """Other explanations of the same data, as history entries of model files, each with its `weight` by evidence."""
 
     def covariance(self, arm: np.ndarray) -> np.ndarray:
-        """(N, 3, 3) [m²] of what is unexplained at TCPs `arm` (N, 3) [m] from the plate's origin, base frame."""
+        """(N, 3, 3) [m²] covariance, base frame, of what is unexplained at TCPs `arm` (N, 3) [m] off the plate."""
         outer = arm[:, :, None] * arm[:, None, :]
         length2 = np.einsum("ni,ni->n", arm, arm)[:, None, None]
         return self.shift**2 * np.eye(3) + self.turn**2 * (length2 * np.eye(3) - outer)
@@ -142,7 +142,7 @@ class Unexplained:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], actuators: int) -> Unexplained:
-        """From the section [uncertainty] of a model file.
+        """What the section [uncertainty] of a model file holds.
 
         Raises:
             InputError: something is missing, or is no number of the kind that belongs there.

@@ -81,10 +81,10 @@ def misread(kind: str, seed: int = 0, every: int = 1) -> Iterator[Misread]:
 
 
 def false_alarms(count: int, seed: int = 0, tried: int = 20) -> Iterator[tuple[str, str]]:
-    """Of right files of all kinds, those of which something is named: kind and what.
+    """Kind and words of the right files, of all kinds, in which a misreading is named all the same.
 
     Args:
-        tried: in every so-manyth file all readings are tried, even though nothing is suspicious.
+        tried: in every file whose number is a multiple of it all readings are tried, suspicious or not.
     """
     loaded = {kind: robots.load(MODELS / f"{kind}.toml") for kind in KINDS}
     rng = np.random.default_rng([seed, 1])

@@ -39,7 +39,7 @@ class Visit:
 
     @property
     def label(self) -> str:
-        """Its date, else the name of its file."""
+        """The date of the session, else the name of its file."""
         return self.path.stem if self.when is None else self.when.isoformat()
 
 

@@ -65,7 +65,7 @@ class Readings:
 
     @staticmethod
     def joined(parts: Sequence[Readings | None], lengths: Sequence[int]) -> Readings | None:
-        """Those of several data sets one after another; None where none has any."""
+        """The readings of several data sets, one after the other; None where no data set has any."""
         known = [part for part in parts if part is not None]
         if not known:
             return None

@@ -338,7 +338,7 @@ class _Discrepancy:
 
     @classmethod
     def start(cls, rows: _Rows, theta: np.ndarray, side: int) -> _Discrepancy:
-        """From the rows measured already."""
+        """Δ over the rows that are measured already."""
         fit = np.concatenate([rows.nuisance, rows.rivals[1 - side]], axis=-1)
         hold = np.r_[np.ones(rows.nuisance.shape[-1]), np.full(rows.rivals[1 - side].shape[-1], 1e-6)]
         fit, truth = fit[rows.ok].reshape(-1, fit.shape[-1]), (rows.rivals[side] @ theta)[rows.ok].ravel()
@@ -360,7 +360,7 @@ class _Discrepancy:
         return np.sum(surprise * np.linalg.solve(spread, surprise[..., None])[..., 0], axis=-1)
 
     def added(self, rows: _Rows, row: int) -> _Discrepancy:
-        """With one row more."""
+        """Δ with one row more."""
         fit, truth = (a[row] for a in self._blocks(rows))
         return replace(self, M=self.M + fit.T @ fit, b=self.b + fit.T @ truth, c=self.c + float(truth @ truth))
 

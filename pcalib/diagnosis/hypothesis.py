@@ -97,7 +97,7 @@ class Hypothesis:
         return prediction.geometry_columns(point.model, point.prediction, point.closure, point.JX, self.basis)
 
     def describe(self, theta: np.ndarray) -> str:
-        """Its parameters (p,) [SI] in plain words; empty where it has none of its own."""
+        """Parameters (p,) [SI] of the hypothesis in plain words; empty where it has none of its own."""
         return "" if self.effect is None else self.effect.describe(theta)
 
     def sentence(self, theta: np.ndarray) -> str:

@@ -111,7 +111,7 @@ class Problem:
 
     @property
     def reading(self) -> Reading:
-        """Its whitening."""
+        """The whitening of the readings."""
         return Reading(Noise.of(self.data), self.whitener, self.serial)
 
     def elsewhere(self, data: Measurements) -> tuple[Reading, np.ndarray]:

@@ -33,7 +33,7 @@ class Places:
 
     @classmethod
     def of(cls, mechanism: Mechanism) -> Places:
-        """Those of a mechanism."""
+        """The arms and rods of a mechanism."""
         return cls(
             tuple(mechanism.actuators),
             tuple(mechanism.rods),

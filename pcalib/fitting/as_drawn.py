@@ -99,7 +99,7 @@ def _poses(data: Measurements, robot: Robot) -> Nominal:
 
 
 def rows_apart(found: Nominal, data: Measurements) -> str:
-    """Which rows are far off where most are near, for a message; '' where none is."""
+    """A message that names the rows that are far off where most are near; '' where none is."""
     size = {"length": wording.size, "angle": wording.angle}
     said = [
         f"{wording.capital(each.what)} more than {size[each.dimension](each.limit)} from those of the nominal robot, "

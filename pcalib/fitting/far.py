@@ -37,7 +37,7 @@ class Far:
     """Whether somebody sets the value, as the zero of a motor; other values are made in a workshop."""
 
     def sentence(self) -> str:
-        """Where it lies, in words."""
+        """How far the value lies from the drawing, in words."""
         value, unit = {"m": (1e3, " mm"), "rad": (180 / np.pi, "°"), "1": (100.0, " %")}[self.unit]
         return (
             f"{self.words} is {self.change * value:+.3g}{unit} from the drawing (± {self.sigma * value:.2g}{unit}), "

@@ -82,7 +82,7 @@ class Identifiability:
         return out
 
     def companions(self, least: float = 0.1) -> dict[str, tuple[dict[str, float], int]]:
-        """Of each parameter outside the base the main part of what it cannot be told from, and how many terms are
+        """For each parameter outside the base, the main part of what it cannot be told from, and how many terms are
         left out: those that come to less than `least` of the largest, each counted in its manufacturing tolerance."""
         prior = dict(zip(self.names, self.prior.tolist(), strict=True))
         out = {}

@@ -234,7 +234,7 @@ class Term:
         return tuple(factor * f for f in self.shape.values(_wide(self.of.values(at)), self.constant))
 
     def text(self, vector: bool) -> list[str]:
-        """The same as Python text: (N, 1 or places) for channels with places, (N,) for vectors."""
+        """The function as Python text, of shape (N, 1 or places) for channels with places and (N,) for vectors."""
         out = []
         for pattern in self.shape.text:
             u = _column(self.of, vector)

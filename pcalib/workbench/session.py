@@ -85,7 +85,7 @@ class Session:
         return f"model{max(numbers, default=0) + 1}"
 
     def as_json(self) -> dict[str, Any]:
-        """Its content."""
+        """What the record of the session holds."""
         out = asdict(self)
         out.pop("source")
         return out

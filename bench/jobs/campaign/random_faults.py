@@ -58,7 +58,7 @@ class RandomFault:
 
     @classmethod
     def of(cls, robot: Robot, name: str, table: Mapping[str, Any]) -> RandomFault:
-        """From the table [faults.NAME].
+        """The fault that a table [faults.NAME] states.
 
         Raises:
             InputError: a setting that the fault does not take, a distribution that is none, or a fault of another kind

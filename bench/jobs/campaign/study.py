@@ -74,7 +74,7 @@ class Campaign(Study):
         return [{**self._head(number), **row} for row in trial.run(self.spec, number)]
 
     def given_up(self, number: int, reason: str) -> Sequence[Row]:
-        """The same for a robot that kills its process."""
+        """The rows of a robot that kills its process."""
         return [{**self._head(number), **row} for row in trial.given_up(self.spec, number, reason)]
 
     def _head(self, number: int) -> Row:

@@ -176,7 +176,7 @@ def write_csv(summary: Summary, path: Path) -> Path:
 
 
 def as_json(summary: Summary) -> dict[str, Any]:
-    """The same, as stable keys."""
+    """The summary with stable keys."""
     return {
         "schema": Campaign.SCHEMA,
         "name": summary.spec.name,
