@@ -14,6 +14,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from pcalib.cli._tools import ToolsOption, tool_options
 from pcalib.cli.frame import JsonOption, Reads, SeedOption, WorkersOption, Writes, count
 
 
@@ -32,7 +33,7 @@ def command(
     plan: Annotated[str, Reads()] = "random",
     n: Annotated[int, Parameter(name="-n"), count()] = 40,
     check: Annotated[int, count(least=0)] = 0,
-    tool: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
+    tool: ToolsOption = (),
     payload: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True, negative=())] = (),
     seed: SeedOption = 0,
     workers: WorkersOption = 1,
@@ -64,16 +65,13 @@ def command(
     from pcalib.data import measurement
     from pcalib.errors import InputError
 
-    def quantities(texts: tuple[str, ...], dimension: str, size: int, option: str) -> list[np.ndarray]:
-        values = [units.parse_quantity(text, dimension, option=option) for text in texts]
-        for text, value in zip(texts, values, strict=True):
-            if len(value) != size:
-                raise InputError(f"{option} '{text}' needs {size} number{'s' * (size > 1)}, not {len(value)}")
-        return values
-
     hidden = truths.load(truth)
-    tools = quantities(tool, "length", 3, "--tool")
-    payloads = [float(v[0]) for v in quantities(payload, "mass", 1, "--payload")]
+    tools = tool_options(tool)
+    masses = [units.parse_quantity(text, "mass", option="--payload") for text in payload]
+    for text, mass in zip(payload, masses, strict=True):
+        if len(mass) != 1:
+            raise InputError(f"--payload '{text}' needs 1 number, not {len(mass)}")
+    payloads = [float(mass[0]) for mass in masses]
     if min(payloads, default=0.0) < 0:
         raise InputError(f"--payload {min(payloads):g}kg: a payload cannot be negative", remedy="write e.g. 2kg")
     if plan == plans.OPTIMAL:
