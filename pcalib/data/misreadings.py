@@ -20,8 +20,9 @@ from pcalib.data import orientation
 from pcalib.data.measurement import Measurements
 from pcalib.robot import Robot
 
-Case = tuple[Measurements, Robot]
-Change = Callable[[Measurements, Robot], Case]
+DataAndRobot = tuple[Measurements, Robot]
+Rewrite = Callable[[Measurements, Robot], DataAndRobot]
+"""Makes of data and robot what they are when some of their numbers are read another way."""
 FIXED = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
 """Orders of turns about the axes that stand still; about the moving axes they are the same in reverse."""
 PROPER = ("ZYZ", "ZXZ", "XYX", "XZX", "YXY", "YZY")
@@ -38,8 +39,8 @@ class Misreading:
     """What stands in the file, as the end of 'the data fit where …'."""
     edit: str
     """What to change so that the file is read right."""
-    mend: Change
-    spoil: Change
+    mend: Rewrite
+    spoil: Rewrite
     stretch: tuple[str, float] = ("", 1.0)
     """Group of readings ('position', 'rotation') that the mended values multiply, and by what: a reading must not
     win because it makes its own residuals small."""
@@ -201,7 +202,7 @@ def _robots(robot: Robot) -> Iterator[Misreading]:
 
 def commands(code: str, words: str, edit: str, mend: Callable, spoil: Callable) -> Misreading:
     """Commands (N, nq) read another way."""
-    def change(f: Callable) -> Change:
+    def change(f: Callable) -> Rewrite:
         return lambda data, robot: (replace(data, q=f(data.q)), robot)
 
     return Misreading(code, words, edit, change(mend), change(spoil))
@@ -210,10 +211,10 @@ def commands(code: str, words: str, edit: str, mend: Callable, spoil: Callable) 
 def positions(code: str, words: str, edit: str, M: np.ndarray) -> Misreading:
     """Positions that a matrix mends; what is blank moves with its column."""
 
-    def change(M: np.ndarray) -> Change:
+    def change(M: np.ndarray) -> Rewrite:
         source = np.abs(M).argmax(axis=1)  # each row of M has one entry
 
-        def apply(data: Measurements, robot: Robot) -> Case:
+        def apply(data: Measurements, robot: Robot) -> DataAndRobot:
             position = data.position[:, source] * M[np.arange(3), source]
             mask = np.concatenate([data.mask[:, source], data.mask[:, 3:]], axis=1)
             return replace(data, position=position, mask=mask), robot
@@ -226,8 +227,8 @@ def positions(code: str, words: str, edit: str, M: np.ndarray) -> Misreading:
 def turns(code: str, words: str, edit: str, mend: Callable, spoil: Callable, stretch: float = 1.0) -> Misreading:
     """Rotations (N, 3, 3) read another way."""
 
-    def change(f: Callable[[np.ndarray], np.ndarray]) -> Change:
-        def apply(data: Measurements, robot: Robot) -> Case:
+    def change(f: Callable[[np.ndarray], np.ndarray]) -> Rewrite:
+        def apply(data: Measurements, robot: Robot) -> DataAndRobot:
             R, given = data.rotation.copy(), data.turned
             R[given] = f(R[given])
             return replace(data, rotation=R, written=None), robot
@@ -273,8 +274,8 @@ def euler(sequence: str, reorder: bool = False) -> Misreading:
 def quaternions(code: str, words: str, edit: str, order: Sequence[int]) -> Misreading:
     """The four numbers of each quaternion in another order."""
 
-    def change(order: Sequence[int]) -> Change:
-        def apply(data: Measurements, robot: Robot) -> Case:
+    def change(order: Sequence[int]) -> Rewrite:
+        def apply(data: Measurements, robot: Robot) -> DataAndRobot:
             four = data.written
             given = data.turned
             if four is None or four.shape[1] != 4:
@@ -292,20 +293,20 @@ def quaternions(code: str, words: str, edit: str, order: Sequence[int]) -> Misre
 
 def tools(code: str, words: str, edit: str, mend: Callable, spoil: Callable) -> Misreading:
     """Tools (N, 3) read another way."""
-    def change(f: Callable) -> Change:
+    def change(f: Callable) -> Rewrite:
         return lambda data, robot: (replace(data, tool=f(data.tool)), robot)
 
     return Misreading(code, words, edit, change(mend), change(spoil))
 
 
-def _written(f: Callable[[np.ndarray], np.ndarray], vector: bool = False) -> Change:
+def _written(f: Callable[[np.ndarray], np.ndarray], vector: bool = False) -> Rewrite:
     """The three numbers of each rotation (n, 3) changed by f, and read as they were before.
 
     Args:
         vector: f makes a rotation vector of them, whatever they are.
     """
 
-    def apply(data: Measurements, robot: Robot) -> Case:
+    def apply(data: Measurements, robot: Robot) -> DataAndRobot:
         R, given = data.rotation.copy(), data.turned
         three = np.full((len(data), 3), np.nan)
         read = data.written if data.written is not None and data.written.shape[1] == 3 else None
@@ -317,11 +318,11 @@ def _written(f: Callable[[np.ndarray], np.ndarray], vector: bool = False) -> Cha
     return apply
 
 
-def _no_tool(data: Measurements, robot: Robot) -> Case:
+def _no_tool(data: Measurements, robot: Robot) -> DataAndRobot:
     return replace(data, tool=np.zeros_like(data.tool)), robot
 
 
-def _at_centre(data: Measurements, robot: Robot) -> Case:
+def _at_centre(data: Measurements, robot: Robot) -> DataAndRobot:
     """Positions of the plate's centre beside a tool that the file states."""
     given = data.tool if data.tool.any() else np.broadcast_to([0.02, 0.0, 0.05], data.tool.shape).copy()
     turned = np.where(np.isnan(data.rotation), np.eye(3), data.rotation)
@@ -329,7 +330,7 @@ def _at_centre(data: Measurements, robot: Robot) -> Case:
     return replace(data, position=centre, tool=given), robot
 
 
-def _dimensions(change: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> Change:
+def _dimensions(change: Callable[[Mapping[str, Any]], Mapping[str, Any]]) -> Rewrite:
     return lambda data, robot: (data, replace(robot, dimensions={**robot.dimensions, **change(robot.dimensions)}))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from pcalib import files
 from pcalib.errors import InputError, unknown
-from pcalib.workbench.session import LAW, Session, Step, Wanted
+from pcalib.workbench.session import LAW, ModelStep, Session, Wanted
 
 ACTIONS = (
     "inspect", "join", "fit", "compare", "diagnose", "look", "try", "add", "plan", "compensate", "propose", "view",
@@ -60,7 +60,7 @@ def tasks(action: str, session: Session, asked: Mapping[str, str], agreed: Colle
     return queue([Wanted(one, asked) for one in CHAINS.get(action, (action,))], session, agreed)
 
 
-def _made_by(step: Step, session: Session) -> Wanted | None:
+def _made_by(step: ModelStep, session: Session) -> Wanted | None:
     """The action that made a step."""
     for words in reversed(session.commands):
         if step.model in words and words[0] in ("fit", "add") and words[words.index("-o") + 1] == step.model:
@@ -204,7 +204,7 @@ def with_step(session: Session, task: Task, figures: dict[str, Any], level: str 
         name = task.subject.rpartition(":")[2] if LAW.fullmatch(task.subject) else task.subject
         title = f"+ {name}" if number == len(kept) else f"{number} + {name}"
         code = (*kept[number - 1].code, *([task.subject] if name != task.subject else []))
-    step = Step(title, task.model, figures, f"{Path(task.model).stem}.html", code)
+    step = ModelStep(title, task.model, figures, f"{Path(task.model).stem}.html", code)
     return replace(session, steps=(*kept, step), at=len(kept))
 
 

@@ -31,7 +31,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,99}")
 
 
 @dataclass(frozen=True)
-class Step:
+class ModelStep:
     """One model of the history."""
 
     title: str
@@ -63,7 +63,7 @@ class Session:
 
     data: str = ""
     robot: str = ""
-    steps: tuple[Step, ...] = ()
+    steps: tuple[ModelStep, ...] = ()
     commands: tuple[tuple[str, ...], ...] = ()
     """Words of each command that was run to its end, oldest first, without the program's name."""
     at: int = -1
@@ -74,7 +74,7 @@ class Session:
     """The folder."""
 
     @property
-    def step(self) -> Step | None:
+    def step(self) -> ModelStep | None:
         """The step that is looked at."""
         return self.steps[self.at] if self.steps else None
 
@@ -118,7 +118,8 @@ def load(folder: Path) -> Session:
     remedy = "move it away to begin anew; the models and figures in the folder stay"
     found = files.parse_json(files.read_text(record), record, remedy)
     files.require_shape(found, SHAPE, record, remedy)
-    steps = tuple(Step(**{key: step[key] for key in SHAPE["steps"][0]}, code=_code_of(step)) for step in found["steps"])
+    keys = SHAPE["steps"][0]
+    steps = tuple(ModelStep(**{key: step[key] for key in keys}, code=_code_of(step)) for step in found["steps"])
     named = [found["data"], found["robot"], *(name for step in steps for name in (step.model, step.report))]
     for name in named:
         if name and not is_name(name):  # it becomes a word of a command

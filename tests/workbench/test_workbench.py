@@ -109,7 +109,7 @@ class TestFiles:
     @pytest.mark.parametrize("place", ["data", "robot", "model"])
     def test_no_name_in_a_record_becomes_an_option(self, tmp_path, place):
         """A folder may come from elsewhere: what stands in it must not choose which code runs."""
-        step = session.Step("complete", "model1.toml", {}, "model1.html")
+        step = session.ModelStep("complete", "model1.toml", {}, "model1.html")
         now = session.Session("d.csv", "r.toml", (step,), at=0, source=tmp_path)
         bad = "--effect-file=evil.py"
         changed = replace(now, steps=(replace(step, model=bad),)) if place == "model" else replace(now, **{place: bad})
@@ -121,7 +121,7 @@ class TestFiles:
         """A session is begun again with the data and the robot that it has already."""
         _, bench = running
         bench.take("robot.toml", b"[geometry]")
-        step = session.Step("complete", "model1.toml", {}, "model1.html")
+        step = session.ModelStep("complete", "model1.toml", {}, "model1.html")
         session.save(replace(session.load(bench.folder), data="d.csv", steps=(step,), at=0))
         again = Workbench(bench.folder)
         again.take("robot.toml", b"[geometry]")
@@ -133,7 +133,7 @@ class TestFiles:
 
 class TestActions:
     def test_a_step_on_an_earlier_one_says_so_and_takes_no_name_that_is_there(self, tmp_path):
-        steps = tuple(session.Step(name, f"model{i}.toml", {}) for i, name in ((1, "complete"), (2, "+ backlash")))
+        steps = tuple(session.ModelStep(name, f"model{i}.toml", {}) for i, name in ((1, "complete"), (2, "+ backlash")))
         now = session.Session("d.csv", "r.toml", steps, at=0, source=tmp_path)
         (tmp_path / "model3.compare.json").touch()
         task = actions.task("add", now, {"effect": "gear_ratio"})
@@ -148,7 +148,7 @@ class TestActions:
         assert ask(port, f"/{bench.token}/run?action=rm", "POST")[0] == 400
 
     def test_what_is_asked_for_cannot_become_an_option(self, tmp_path):
-        now = session.Session("d.csv", "r.toml", (session.Step("complete", "model1.toml", {}),), source=tmp_path)
+        now = session.Session("d.csv", "r.toml", (session.ModelStep("complete", "model1.toml", {}),), source=tmp_path)
         assert actions.task("add", now, {"effect": "backlash"}).words[:4] == ("add", "backlash", "d.csv", "--model")
         with pytest.raises(InputError, match="is no effect"):
             actions.task("add", now, {"effect": "--report"})
@@ -158,7 +158,7 @@ class TestActions:
     @pytest.mark.parametrize("spec", ["x.py:Mine", "laws/x.py:Mine", "../x.py", "a,x.py:Mine", "gear_ratio;x"])
     @pytest.mark.parametrize("action", ["look", "try", "add", "plan"])
     def test_no_code_of_a_file_runs_from_a_page_or_from_a_record(self, tmp_path, action, spec):
-        now = session.Session("d.csv", "r.toml", (session.Step("complete", "model1.toml", {}),), source=tmp_path)
+        now = session.Session("d.csv", "r.toml", (session.ModelStep("complete", "model1.toml", {}),), source=tmp_path)
         asked = {"between": f"backlash,{spec}"} if action == "plan" else {"effect": spec}
         with pytest.raises(InputError, match="is no listed effect"):
             actions.task(action, now, asked)
@@ -182,7 +182,7 @@ class TestActions:
 
     @pytest.mark.parametrize("spec", ["thermal_rods", "encoder_eccentricity:arm", "gear_ripple:arm@17.3"])
     def test_listed_effects_and_their_variants_run(self, tmp_path, spec):
-        now = session.Session("d.csv", "r.toml", (session.Step("complete", "model1.toml", {}),), source=tmp_path)
+        now = session.Session("d.csv", "r.toml", (session.ModelStep("complete", "model1.toml", {}),), source=tmp_path)
         assert actions.task("add", now, {"effect": spec}).words[1] == spec
 
     def test_a_command_that_fails_takes_those_behind_it_along(self, tmp_path):
@@ -327,7 +327,7 @@ class TestLaws:
     def begun(self, bench):
         (bench.folder / "laws").mkdir()
         (bench.folder / "laws" / "tool_by_time.py").write_text("class ToolByTime: pass\n")
-        step = session.Step("complete", "model1.toml", {}, "model1.html")
+        step = session.ModelStep("complete", "model1.toml", {}, "model1.html")
         return session.Session("d.csv", "r.toml", (step,), at=0, source=bench.folder)
 
     def test_a_law_runs_once_its_code_is_agreed_to_and_no_longer_than_it_stays_the_same(self, running):
