@@ -75,9 +75,7 @@ def draw(parent: mujoco.MjsBody, kind: Any, size: Sequence[float], rgba: Sequenc
     parent.add_geom(type=kind, size=list(size), rgba=list(rgba), mass=0.0, contype=0, conaffinity=0, group=1, **more)
 
 
-def bar(
-    parent: mujoco.MjsBody, start: Point, end: Point, radius: float, rgba: Sequence[float]
-) -> None:
+def bar(parent: mujoco.MjsBody, start: Point, end: Point, radius: float, rgba: Sequence[float]) -> None:
     """Draw a capsule between two points."""
     draw(parent, mujoco.mjtGeom.mjGEOM_CAPSULE, [radius, 0, 0], rgba, fromto=[*start, *end])
 

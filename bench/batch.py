@@ -74,9 +74,7 @@ class BatchMachine:
 
         self._batch = batch.Batch(model, chunk, 1)
         self._qpos = self._batch.bind("qpos")
-        self._seen = {
-            name: self._batch.bind(name) for name in ("ten_length", "ten_J", "xpos", "xmat", "site_xpos")
-        }
+        self._seen = {name: self._batch.bind(name) for name in ("ten_length", "ten_J", "xpos", "xmat", "site_xpos")}
         self._home = self.kind.home(robot)
         self.become(robot.mechanism.nominal)
 

@@ -25,9 +25,7 @@ class Rig:
         loaded: whether forces are needed although there may be no springs.
     """
 
-    def __init__(
-        self, robot: Robot, spec: mujoco.MjSpec, springs: Sequence[str], held: Sequence[str], loaded: bool
-    ):
+    def __init__(self, robot: Robot, spec: mujoco.MjSpec, springs: Sequence[str], held: Sequence[str], loaded: bool):
         self.robot = robot
         for key in spec.keys:  # their joint vectors fit the file only
             spec.delete(key)

@@ -318,9 +318,7 @@ def rotations(data: Measurements) -> Iterator[Finding]:
             "Leave these columns out, or blank, where rotation is not measured.",
         )  # fmt: skip
         return
-    apart = [
-        rotation.log(orientation.from_euler(order, vector) @ rotation.transposed(R)) for order in ("xyz", "zyx")
-    ]
+    apart = [rotation.log(orientation.from_euler(order, vector) @ rotation.transposed(R)) for order in ("xyz", "zyx")]
     other = float(np.linalg.norm(apart, axis=-1).max())
     sigma = float(np.median(data.sigma[turned, 3]))
     so = f"by up to {wording.angle(other)}: if they are, write '# euler = ZYX' (or the order they have)"

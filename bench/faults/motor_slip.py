@@ -14,10 +14,7 @@ class MotorSlip(Fault):
     """Before a row the shafts move away from what their encoders read, and stay there. Typical: 100–1000 µrad."""
 
     MJCF = "the target of motor joint `q1`"
-    SETTINGS = (
-        Setting("slip", "drive", low=-0.05, high=0.05, typical=1.6e-4, per="actuator", about="how far"),
-        ROW,
-    )
+    SETTINGS = (Setting("slip", "drive", low=-0.05, high=0.05, typical=1.6e-4, per="actuator", about="how far"), ROW)
     STAGE = 1
 
     def shaft(self, theta: np.ndarray, row: Row) -> np.ndarray:

@@ -57,10 +57,7 @@ def fields(robot: Robot, name: str) -> list[Field]:
     space, out = robot.workspace, []
     across = np.arange(-space.radius, space.radius + 1e-9, STEP)
     upwards = np.linspace(space.z_min, space.z_max, 6)
-    for grid in (
-        [(x, y, HEIGHT) for x in across for y in across],
-        [(x, 0.0, z) for x in across for z in upwards],
-    ):
+    for grid in ([(x, y, HEIGHT) for x in across for y in across], [(x, 0.0, z) for x in across for z in upwards]):
         x = np.array([p for p in grid if space.contains(np.array(p))])
         q, ok = reach(plain, x)
         x, there = x[ok], commands(robot, q[ok])

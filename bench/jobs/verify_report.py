@@ -48,9 +48,7 @@ def _told(metres: float) -> str:
     return f"{metres * 1e3:.4g} mm" if metres >= 1e-3 else f"{metres * 1e6:.4g} µm"
 
 
-def checks(
-    done: Mapping[str, Verification], limits: Mapping[str, float], max_failed: int | None = None
-) -> list[Check]:
+def checks(done: Mapping[str, Verification], limits: Mapping[str, float], max_failed: int | None = None) -> list[Check]:
     """The limits that are given, 'rms', 'max', 'ap', 'rp' [m], over all tools; and that enough targets were attained.
 
     Args:

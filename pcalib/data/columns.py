@@ -23,12 +23,7 @@ TOOL = {"tool_x": "length", "tool_y": "length", "tool_z": "length"}
 SMALLEST_SIGMA = 1e-15
 """[m, rad] Smallest standard deviation that is accepted; below it, weights overflow."""
 TEMPERATURES = ("temp_arms", "temp_rods", "temp_base")
-CONDITIONS = {
-    **TOOL,
-    "payload": "mass",
-    **dict.fromkeys(("temp", *TEMPERATURES), "temperature"),
-    "time": "time",
-}
+CONDITIONS = {**TOOL, "payload": "mass", **dict.fromkeys(("temp", *TEMPERATURES), "temperature"), "time": "time"}
 
 
 @dataclass(frozen=True)

@@ -334,9 +334,7 @@ def _with_readings(
             f"{len(order)} rows with distances between poses", file=data.source, remedy=f"at most {MOST_BETWEEN}"
         )
     empty, rest = sensed.nothing(len(poses)), sensed.nothing(len(ends))
-    name = np.concatenate(
-        [empty.sensor, *(np.full(len(p.row), p.sensor.name, object) for p in found), rest.sensor]
-    )
+    name = np.concatenate([empty.sensor, *(np.full(len(p.row), p.sensor.name, object) for p in found), rest.sensor])
     to = np.concatenate([empty.to, *(_called(p, data.pose_id) for p in found), rest.to])
     value = np.concatenate([empty.value, *(part.value for part in found), rest.value])
     origin = None

@@ -200,9 +200,7 @@ def problem(
         if len(odd.rows) and not odd.kept:
             keep = np.ones(len(fit), bool)
             keep[odd.rows] = False
-            made = replace(
-                _linearised(model, fit.take(keep), own, without), outliers=odd, given=fit, rows=rows, of=of
-            )
+            made = replace(_linearised(model, fit.take(keep), own, without), outliers=odd, given=fit, rows=rows, of=of)
         else:
             made = replace(made, outliers=odd)
     blocks = _blocks(made)

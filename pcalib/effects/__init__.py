@@ -17,17 +17,7 @@ from pcalib.effects.library import LibraryEffect, Places
 from pcalib.errors import EffectError
 from pcalib.robot import Robot
 
-__all__ = [
-    "Contribution",
-    "Effect",
-    "EffectParameter",
-    "Situation",
-    "get",
-    "missing",
-    "names",
-    "parse",
-    "require",
-]
+__all__ = ["Contribution", "Effect", "EffectParameter", "Situation", "get", "missing", "names", "parse", "require"]
 
 
 names = LIBRARY.names

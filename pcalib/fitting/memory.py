@@ -166,9 +166,7 @@ def _fitted(y: np.ndarray, basis: np.ndarray, time: np.ndarray, component: np.nd
         root = 1 / np.sqrt(variance)
         inside, upper = np.linalg.qr(root[:, None] * basis)
         rest = root * y - inside @ (inside.T @ (root * y))
-        likelihood = -0.5 * float(
-            np.sum(np.log(variance)) + 2 * np.sum(np.log(np.abs(np.diag(upper)))) + rest @ rest
-        )
+        likelihood = -0.5 * float(np.sum(np.log(variance)) + 2 * np.sum(np.log(np.abs(np.diag(upper)))) + rest @ rest)
         scaled = parts[here] / variance
         inner = np.stack([inside.T @ (s[:, None] * inside) for s in scaled])
         leverage = np.sum(inside**2, axis=1)

@@ -78,9 +78,7 @@ def wild(data: Measurements, robot: Robot) -> tuple[Wild, ...]:
     return tuple(out)
 
 
-def _off(
-    sensor: Sensor, to: str, options: Options, scene: Scene, value: np.ndarray, large: float
-) -> np.ndarray | None:
+def _off(sensor: Sensor, to: str, options: Options, scene: Scene, value: np.ndarray, large: float) -> np.ndarray | None:
     """(n,) differences of readings (n, s) from what they should be with the set-up that suits half of them best; None
     where they are too few to say.
 

@@ -125,9 +125,7 @@ def simplified_forward(
     return trilaterate(centre[:, 0], centre[:, 1], centre[:, 2], *length)
 
 
-def trilaterate(
-    c1: np.ndarray, c2: np.ndarray, c3: np.ndarray, r1: float, r2: float, r3: float
-) -> np.ndarray:
+def trilaterate(c1: np.ndarray, c2: np.ndarray, c3: np.ndarray, r1: float, r2: float, r3: float) -> np.ndarray:
     """The lower of the two points (N, 3) at distances r from three centres (N, 3); NaN where there is none."""
     e, f = c2 - c1, c3 - c1
     ee, ff, ef = rotation.dot(e, e), rotation.dot(f, f), rotation.dot(e, f)
@@ -141,9 +139,7 @@ def trilaterate(
     return c1 + foot + height[:, None] * normal
 
 
-def simplified_pose(
-    actuation: RotaryArms | Carriages, plate_columns: np.ndarray, k: np.ndarray, q: np.ndarray
-) -> Pose:
+def simplified_pose(actuation: RotaryArms | Carriages, plate_columns: np.ndarray, k: np.ndarray, q: np.ndarray) -> Pose:
     """FPR_S as a plate pose with the plate parallel to the base."""
     x = simplified_forward(actuation, plate_columns, k, q)
     return Pose(x, np.broadcast_to(np.eye(3), (len(x), 3, 3)).copy(), np.zeros((len(x), 0)))

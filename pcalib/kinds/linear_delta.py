@@ -94,9 +94,7 @@ def _levels(layout: Layout, u: np.ndarray, v: np.ndarray, radius: float) -> dict
             for name, (columns, text) in firmware.items()
         },
         "tower_lean": layout.level("tower_lean", firmware6 | leans, perfect=True, text=f"{lean}. {_LEVEL}"),
-        "classical": layout.level(
-            "classical", zeros | radii | rods, perfect=True, text=f"{classical}. {_LEVEL}"
-        ),
+        "classical": layout.level("classical", zeros | radii | rods, perfect=True, text=f"{classical}. {_LEVEL}"),
         "complete": layout.complete_level(),
     }
 

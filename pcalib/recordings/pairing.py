@@ -109,9 +109,7 @@ def by_order(readings: np.ndarray, commands: np.ndarray) -> Pairs:
     for r, c in found:
         members.setdefault(c, []).append(r)
     alike = {c: rows for c, rows in members.items() if np.ptp(readings[rows], axis=0).max() <= ALIKE}
-    dealt = [
-        (r, min(int(first[c]) + k, int(last[c]))) for c, rows in sorted(alike.items()) for k, r in enumerate(rows)
-    ]
+    dealt = [(r, min(int(first[c]) + k, int(last[c]))) for c, rows in sorted(alike.items()) for k, r in enumerate(rows)]
     return _pairs(dealt, len(readings), total)
 
 

@@ -79,13 +79,7 @@ def fit_sections(fit: Fit, data: Measurements) -> list[Section]:
     return out
 
 
-def write_fit(
-    path: str | Path,
-    fit: Fit,
-    data: Measurements,
-    said: Sequence[str],
-    expected: Ladder | None,
-) -> None:
+def write_fit(path: str | Path, fit: Fit, data: Measurements, said: Sequence[str], expected: Ladder | None) -> None:
     """The report of a fit, one self-contained HTML file.
 
     Args:

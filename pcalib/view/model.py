@@ -80,9 +80,7 @@ def _neutral(model: Model, n: int, tool: np.ndarray, payload: float) -> Conditio
     return Conditions(np.broadcast_to(tool, (n, 3)), np.full(n, payload), columns)
 
 
-def _missed(
-    commanded: Model, real: Model, wanted: np.ndarray, conditions: Conditions
-) -> tuple[np.ndarray, np.ndarray]:
+def _missed(commanded: Model, real: Model, wanted: np.ndarray, conditions: Conditions) -> tuple[np.ndarray, np.ndarray]:
     """Where the TCP of one model goes by commands of another: errors (P, 3) [m] and status (P,)."""
     commands = compensation.compensate(commanded, wanted, conditions=conditions)
     good = commands.status == "ok"

@@ -109,9 +109,7 @@ def draw_tool(rec: rr.RecordingStream, path: str, s: Skeleton, tool: np.ndarray)
     log("tcp", rr.Points3D([end], radii=0.016 * s.size, colors=TOOL))
 
 
-def draw_workspace(
-    rec: rr.RecordingStream, path: str, tool: np.ndarray, radius: float, z: tuple[float, float]
-) -> None:
+def draw_workspace(rec: rr.RecordingStream, path: str, tool: np.ndarray, radius: float, z: tuple[float, float]) -> None:
     """The working cylinder of the TCP as a wire frame: that of the plate, shifted by the tool (3,)."""
     rr = sdk()
     turn = np.linspace(0, 2 * np.pi, 97)

@@ -43,9 +43,7 @@ class Worker:
         changed: called whenever a command has been added or has ended, well or not.
     """
 
-    def __init__(
-        self, folder: Path, done: Callable[[Task], None], changed: Callable[[], None] = lambda: None
-    ) -> None:
+    def __init__(self, folder: Path, done: Callable[[Task], None], changed: Callable[[], None] = lambda: None) -> None:
         self._folder, self._done, self._changed = folder, done, changed
         self._jobs: deque[Job] = deque(maxlen=200)
         self._waiting: deque[int] = deque()

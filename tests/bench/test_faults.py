@@ -404,9 +404,7 @@ def test_a_tilted_disc_seen_by_its_head():
 
 
 @estimates("thermal_arms", "thermal_rods", "thermal_base")
-@pytest.mark.parametrize(
-    ("part", "alpha"), [("arms", 23.6e-6), ("rods", 2e-6), ("base", 12e-6)]
-)
+@pytest.mark.parametrize(("part", "alpha"), [("arms", 23.6e-6), ("rods", 2e-6), ("base", 12e-6)])
 def test_thermal_growth(part, alpha):
     landing = land(typical(f"thermal_{part}"))
     growth = 1 + alpha * (WARM[f"temp_{part}"] - 20)

@@ -26,10 +26,7 @@ def test_without_noise_the_truth():
 
 def test_noise_is_white_in_position_and_left_multiplied_in_rotation():
     reading = read(sigma_pos=2e-5, sigma_rot=1e-4)
-    for noise, sigma in (
-        (reading.position - TCP, 2e-5),
-        (rotation.log(reading.rotation @ np.swapaxes(R, 1, 2)), 1e-4),
-    ):
+    for noise, sigma in ((reading.position - TCP, 2e-5), (rotation.log(reading.rotation @ np.swapaxes(R, 1, 2)), 1e-4)):
         covariance = noise.T @ noise / N / sigma**2
         assert np.abs(covariance - np.eye(3)).max() < 0.09
         assert np.abs(noise.mean(axis=0)).max() < 4 * sigma / np.sqrt(N)

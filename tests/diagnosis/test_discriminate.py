@@ -62,10 +62,7 @@ def test_rows_add_up_as_in_a_full_least_squares(side):
 def plain(measured, robot):
     """No payload anywhere: gravity compliance looks like encoder errors."""
     data, model = measured((), "plain", 60, 0)
-    pair = [
-        [hypothesis("drive_compliance", robot)],
-        [hypothesis("encoder_eccentricity", robot)],
-    ]
+    pair = [[hypothesis("drive_compliance", robot)], [hypothesis("encoder_eccentricity", robot)]]
     return problem(model, data), pair
 
 
@@ -137,10 +134,7 @@ def test_one_thermometer_is_planned_for_as_it_is_written(measured, robot):
     data, model = measured()
     rng = np.random.default_rng(0)
     made = problem(model, replace(data, columns={"temp": 20 + rng.standard_normal(len(data))}))
-    pair = [
-        [hypothesis("thermal_arms", robot)],
-        [hypothesis("thermal_rods", robot)],
-    ]
+    pair = [[hypothesis("thermal_arms", robot)], [hypothesis("thermal_rods", robot)]]
     found = plan(made, pair, 6, Options(candidates=200))
     assert set(found.conditions.columns) == {"temp"}
     written = discriminate.table(robot, found)
@@ -152,10 +146,7 @@ def test_a_plan_counts_with_the_repeatability_of_the_joints(measured, robot):
     """Rows that an exact instrument reads behind sloppy joints tell little."""
     data, model = measured((), "plain", 60, 0)
     made = problem(model, data)
-    pair = [
-        [hypothesis("backlash", robot)],
-        [hypothesis("joint_clearance", robot)],
-    ]
+    pair = [[hypothesis("backlash", robot)], [hypothesis("joint_clearance", robot)]]
     exact = plan(made, pair, 6)
     unit = made.whitener[:, :1, :1] * 0 + np.eye(6)
     sloppy = replace(made, noise=replace(made.noise, sigma_q=1e-4), whitener=0.25 * unit)
@@ -164,10 +155,7 @@ def test_a_plan_counts_with_the_repeatability_of_the_joints(measured, robot):
 
 def test_rivals_that_nothing_tells_apart_are_one(measured, robot):
     data, model = measured((("drive_compliance", 1.0),))
-    pair = [
-        [hypothesis("drive_compliance", robot)],
-        [hypothesis("arm_bending", robot)],
-    ]
+    pair = [[hypothesis("drive_compliance", robot)], [hypothesis("arm_bending", robot)]]
     found = plan(problem(model, data), pair, 6)
     assert found.needed > discriminate.SENSIBLE
     assert "no sensible number of such rows brings them. Treat the two as one" in found.sentence()

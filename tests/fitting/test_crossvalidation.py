@@ -51,9 +51,7 @@ def test_a_held_out_row_does_not_help_to_predict_itself():
     data, _ = measured()
     spoiled = data.position.copy()
     spoiled[7] += [0.0, 0.0, 3e-3]
-    other = Measurements.create(
-        ROBOT, data.q, spoiled, data.rotation, sigma_pos=SIGMA[0], sigma_rot=SIGMA[1]
-    )
+    other = Measurements.create(ROBOT, data.q, spoiled, data.rotation, sigma_pos=SIGMA[0], sigma_rot=SIGMA[1])
     a, b = (crossvalidation.cross_validate(d, ROBOT, folds=5) for d in (data, other))
     fold = crossvalidation.require_folds(data, 5)
     assert fold[7] == 2

@@ -88,9 +88,7 @@ def test_other_robots_climb_what_they_have(name):
     assert len(ticks) <= demo.stages(settings)
 
 
-@pytest.mark.parametrize(
-    ("name", "tip"), [("delta", (0, 0, -0.3)), ("hexapod", (0, 0, 0.3)), ("planar", (0, -0.3, 0))]
-)
+@pytest.mark.parametrize(("name", "tip"), [("delta", (0, 0, -0.3)), ("hexapod", (0, 0, 0.3)), ("planar", (0, -0.3, 0))])
 def test_tools_point_away_from_the_drives(name, tip):
     robot = robots.load(Path(__file__).parents[2] / "models" / f"{name}.toml")
     assert demo.straight(robot)[-1] == pytest.approx(tip)

@@ -215,9 +215,7 @@ def test_every_kind_has_its_ranks_stated(own_tests):
 def test_ranks(name):
     J, frames = readings(name, np.zeros(3))
     tools = np.concatenate([readings(name, np.array([0, 0, -h]))[0][:, :3] for h in (0.0, 0.1, 0.3)])
-    assert (
-        rank(J), rank(J, frames[..., :9]), rank(J, frames), rank(J[:, :3]), rank(tools)
-    ) == RANKS[name]  # fmt: skip
+    assert (rank(J), rank(J, frames[..., :9]), rank(J, frames), rank(J[:, :3]), rank(tools)) == RANKS[name]
 
 
 def shifted(by):

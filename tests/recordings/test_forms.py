@@ -34,9 +34,7 @@ Frame,Time (Seconds),X,Y,Z,W,X,Y,Z
 
 
 def motive(**changes):
-    head = MOTIVE.format(
-        types=",".join(["Rigid Body"] * 7), names=",".join(["plate"] * 7), ids=",".join(["1"] * 7)
-    )
+    head = MOTIVE.format(types=",".join(["Rigid Body"] * 7), names=",".join(["plate"] * 7), ids=",".join(["1"] * 7))
     rows = []
     for i, (x, q) in enumerate(zip(P, rotation.to_quaternion(R), strict=True)):
         w, *v = q

@@ -63,9 +63,7 @@ def stops(points, rate=100.0, wait=1.0, move=0.5):
         x += [a] * int(wait * rate) + [a + (b - a) * s for s in np.linspace(0, 1, int(move * rate))]
     x += [points[-1]] * int(wait * rate)
     x = np.array(x) + 1e-5 * rng.standard_normal((len(x), 3))
-    return Recording(
-        x, np.tile(np.eye(3), (len(x), 1, 1)), np.arange(len(x)), "r.csv", time=np.arange(len(x)) / rate
-    )
+    return Recording(x, np.tile(np.eye(3), (len(x), 1, 1)), np.arange(len(x)), "r.csv", time=np.arange(len(x)) / rate)
 
 
 def test_stops_are_found():

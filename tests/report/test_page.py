@@ -64,9 +64,7 @@ def ladder(delta, fit) -> Ladder:
     errors = np.array([1e-3, 2e-5])[:, None, None] * rng.standard_normal((2, len(targets), 3))
     status = np.full(errors.shape[:2], "ok", "<U20")
     errors[1, 3], status[1, 3] = np.nan, "unreachable"
-    maps = tuple(
-        ErrorMap(np.array([0, 0, -h]), targets - [0, 0, h], (1 + h) * errors, status) for h in (0.0, 0.3)
-    )
+    maps = tuple(ErrorMap(np.array([0, 0, -h]), targets - [0, 0, h], (1 + h) * errors, status) for h in (0.0, 0.3))
     return Ladder(delta, steps, maps, "measured", 2e-5)
 
 

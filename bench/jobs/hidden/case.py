@@ -76,9 +76,7 @@ def pair(stage: Stage, what: Sequence[Hidden], drawn: Sequence[Fault], size: flo
             each = tuple(_short(np.linalg.norm(stage.signal([fault]))) for fault in hidden)
             return Case(stage, hidden, facts, each, nearest)
         factor = float(f"{1.02 * factor * size / max(distance, 1e-9):.4g}")
-        room = min(
-            stage.room(f.fault, stage.change([f.fault]), w.effect) for f, w in zip(found, what, strict=True)
-        )
+        room = min(stage.room(f.fault, stage.change([f.fault]), w.effect) for f, w in zip(found, what, strict=True))
         if factor > min(STRETCH, room):
             return None
         hidden = tuple(catalogue.scaled(f.fault, factor) for f in found)

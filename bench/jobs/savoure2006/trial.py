@@ -85,9 +85,7 @@ DELTA_METHODS = (
     _BASE,
     Method("map_exact", label="MAP on all, exact inverse"),
     Method("map_position_one_tool", reads="position", label="MAP, position only, one tool"),
-    Method(
-        "map_position_three_tools", reads="position", label="MAP, position only, same poses with three tools"
-    ),
+    Method("map_position_three_tools", reads="position", label="MAP, position only, same poses with three tools"),
 )
 
 
