@@ -28,6 +28,8 @@ SOME = 2.2
 """Standard errors of ρ, outside everything slow that may be missing too, from which that is the noise: a missing slow
 effect is correlated in the first sense, and in this one by chance alone. Noise half of which is correlated over six
 rows reaches 2.2–6.4 in 120 rows."""
+FOLLOWING = 3.0
+"""Standard errors of the product of residuals that follow each other from which a closer look pays."""
 ROUNDS = 12
 """Most scoring steps; four to eight are usual."""
 APART = 4.0
@@ -48,6 +50,14 @@ class Memory:
     """Time over which the correlation falls to 1/e, in units of `time_of`."""
     share: tuple[float, float]
     """ρ of positions and of rotations."""
+
+    def more(self, data: Measurements, columns: np.ndarray) -> np.ndarray:
+        """What correlation adds to the covariance (p, p) of sums over readings whose columns are (N, 6, p), in squares
+        of the noise: Σ_c ρ·Fᵀ(K − I)·F."""
+        time = time_of(data)
+        K = np.exp(-np.abs(time[:, None] - time) / self.tau)
+        np.fill_diagonal(K, 0.0)
+        return np.sum([self.share[c // 3] * columns[:, c].T @ K @ columns[:, c] for c in range(6)], axis=0)
 
     def whitener(self, data: Measurements) -> list[np.ndarray]:
         """Per component the inverse Cholesky factor (n, n) of the correlation of its measured rows."""
@@ -107,12 +117,56 @@ def memory(
         return None
     # What depends on the pose is correlated too where commands follow a path: it is allowed for with the rest.
     basis = U if unordered(data) else Q
-    fits = [_fitted(y, basis, time[row] / (rows * spacing), component) for rows in TIMES]
+    return _most_likely(y, basis, time[row], spacing, component)
+
+
+def of_residuals(
+    data: Measurements, y: np.ndarray, U: np.ndarray, row: np.ndarray, component: np.ndarray
+) -> Memory | None:
+    """The correlation of what a fit leaves over, be it of the noise or of a slow effect that is missing: either makes
+    the fit's unknowns less certain than as many independent readings would. None where it may be chance.
+
+    Args:
+        y: (M,) whitened residuals of the fitted rows.
+        U: (M, r) orthonormal basis of what the fit has taken up.
+        row, component: (M,) of each reading.
+    """
+    time = time_of(data)
+    spacing = float(np.median(np.diff(np.sort(time))))
+    where = np.stack([row, component])
+    if spacing <= 0 or len(y) - U.shape[1] < 30 or not _follows(y, time, where):
+        return None
+    pose = np.unique(np.round(data.q, 9), axis=0, return_inverse=True)[1].ravel()
+    if not any(_beyond(y, U, time / (rows * spacing), pose, where) > SURE for rows in TIMES):
+        return None
+    return _most_likely(y, U, time[row], spacing, component)
+
+
+def _follows(y: np.ndarray, time: np.ndarray, where: np.ndarray) -> bool:
+    """Whether residuals of rows that follow each other go together at all: a look that costs next to nothing."""
+    values = np.zeros((len(time), 6))
+    values[where[0], where[1]] = y
+    values = values[np.argsort(time, kind="stable")]
+    return bool(np.sum(values[1:] * values[:-1]) > FOLLOWING * np.sqrt(np.sum(values[1:] ** 2 * values[:-1] ** 2)))
+
+
+def _most_likely(
+    y: np.ndarray, basis: np.ndarray, time: np.ndarray, spacing: float, component: np.ndarray
+) -> Memory | None:
+    """The likeliest of all correlation times, with what is allowed for as a basis (M, r) and the time (M,) of each
+    reading; None where no share of the noise is correlated."""
+    fits = [_fitted(y, basis, time / (rows * spacing), component) for rows in TIMES]
     best = int(np.argmax([likelihood for likelihood, _ in fits]))
     share = fits[best][1]
-    if not share.any():
-        return None
-    return Memory(TIMES[best], TIMES[best] * spacing, (float(share[0]), float(share[1])))
+    return Memory(TIMES[best], TIMES[best] * spacing, (float(share[0]), float(share[1]))) if share.any() else None
+
+
+def _beyond(y: np.ndarray, basis: np.ndarray, time: np.ndarray, pose: np.ndarray, where: np.ndarray) -> float:
+    """ρ outside a basis in its standard errors, positions and rotations taken together, at one correlation time."""
+    rest = y - basis @ (basis.T @ y)
+    some = [_standing_out(rest, basis, time, pose, where, half) for half in range(2)]
+    known = [value for value in some if value is not None]
+    return sum(known) / float(np.sqrt(max(len(known), 1)))
 
 
 def _correlated(
@@ -127,12 +181,7 @@ def _correlated(
     """
     pose = np.unique(np.round(data.q, 9), axis=0, return_inverse=True)[1].ravel()
     for rows in TIMES:
-        z = []
-        for basis in (U, Q):
-            rest = y - basis @ (basis.T @ y)
-            some = [_standing_out(rest, basis, time / rows, pose, where, half) for half in range(2)]
-            known = [value for value in some if value is not None]
-            z.append(sum(known) / np.sqrt(max(len(known), 1)))
+        z = [_beyond(y, basis, time / rows, pose, where) for basis in (U, Q)]
         if z[0] > SURE and max(z[1], (z[1] + more) / np.sqrt(2)) > SOME:
             return True
     return False

@@ -19,6 +19,7 @@ import numpy as np
 
 from pcalib.data.measurement import Measurements
 from pcalib.data.noise import Noise
+from pcalib.fitting import memory as memories
 from pcalib.fitting import noise_level
 from pcalib.fitting.identifiability import span
 from pcalib.fitting.linearisation import ROWS, joint_response, linearise
@@ -90,10 +91,15 @@ def remaining(model: Model, data: Measurements, unknowns: Unknowns, half: np.nda
     normal, slope = white.T @ white + inverse, white.T @ y - seen.T @ linear.residual
     hat = white @ np.linalg.solve(normal, white.T)
     dof = float(np.sum(level.dof[np.isfinite(level.dof)]))
-    misfit, dof = _left_out(y - white @ np.linalg.solve(normal, slope), hat, row, len(data), dof)
+    rest = y - white @ np.linalg.solve(normal, slope)
+    misfit, dof = _left_out(rest, hat, row, len(data), dof)
 
     # The fit's weights stay what they were: sandwich covariance.
-    spread = np.einsum("nia,nij,njb->ab", scatter(seen), noise_level.covariance(level, blocks), scatter(seen))
+    columns = scatter(seen)
+    spread = np.einsum("nia,nij,njb->ab", columns, noise_level.covariance(level, blocks), columns)
+    serial = memories.of_residuals(data, rest, np.linalg.qr(turned(taken))[0], row, component)
+    if serial is not None:
+        spread += serial.more(data, columns * np.repeat(level.ratio, 3)[:, None])
     values, vectors = np.linalg.eigh(0.5 * (inverse + spread + (inverse + spread).T))
     own = half @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     return Doubt(Remaining(level.ratio, level.sigma_q, misfit, dof), own)

@@ -8,8 +8,9 @@ import pytest
 from bench.jobs.diagnosis_benchmark import rows
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.problem import problem
+from pcalib.fitting import identification, noise_level
 from pcalib.fitting import memory as memories
-from pcalib.fitting import noise_level
+from pcalib.fitting.linearisation import linearise
 
 ROWS, RHO, TAU = 150, 0.5, 6.0
 
@@ -87,3 +88,33 @@ def test_replicates_that_follow_on_each_other_speak_for_correlation(number, monk
     assert found.excess > 2 and found.memory is not None
     monkeypatch.setattr(noise_level, "excess", lambda *_: 0.0)
     assert problem(made.model, made.data).noise.memory is None
+
+
+def test_what_a_fit_leaves_over_is_correlated_or_is_not(data, rng, where):
+    U = basis_of(rng, 40)
+    slow, white = ([memories.of_residuals(data, y - U @ (U.T @ y), U, *where) for y in many] for many in (
+        [readings(rng, RHO) for _ in range(8)], [readings(rng, 0.0) for _ in range(40)],
+    ))  # fmt: skip
+    assert all(slow) and np.mean([m.share for m in slow]) == pytest.approx(RHO, abs=0.07)
+    assert not any(white)
+
+
+def test_sums_over_correlated_readings_scatter_as_is_said(data, rng):
+    """The covariance that correlation adds, against the scatter of many draws."""
+    columns = rng.standard_normal((ROWS, 6, 2)) + 1.0  # what all rows have in common gains most
+    said = memories.Memory(TAU, TAU, (RHO, RHO)).more(data, columns)
+    sums = np.array([np.tensordot(readings(rng, RHO).reshape(ROWS, 6), columns, axes=2) for _ in range(4000)])
+    plain = np.einsum("nca,ncb->ab", columns, columns)
+    assert np.cov(sums.T) == pytest.approx(plain + said, rel=0.1)
+    assert said[0, 0] > plain[0, 0]
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_a_fit_is_as_uncertain_as_correlated_noise_makes_it(number):
+    """The posterior of a fit to correlated noise is wider than that of its weights, which take rows as independent."""
+    made = rows.replay(f"noise.correlated_apart/{number}#0", 1)
+    fit = identification.fit(made.data, made.start)
+    seen = linearise(fit.candidate, made.data, fit.unknowns).jacobian
+    g = fit.unknowns.n_geometry
+    wider = np.sum((seen[:, :g] @ fit.model.posterior.factor[:g]) ** 2) / np.sum(seen @ fit.covariance * seen)
+    assert 1.1 < wider < 3
