@@ -32,6 +32,8 @@ CONTRASTS = 200
 """Differences between replicates that are taken of each component at most: they give σ of positions to 3 %."""
 _NOTHING = 1e-6
 """Share of the largest variance below which one is taken for zero: a thousandth of its σ."""
+COPIED = 1e-6
+"""RMS scatter of replicates, in stated σ, below which they are copies of one reading and say nothing of the noise."""
 _CLEAR = (1.0, 4.0)
 """Joint repeatability, and turns at a lever, are taken into account where their variance is this many of its σ above
 zero. Most joints repeat worse than not at all; most instruments state how position and rotation are correlated."""
@@ -203,7 +205,7 @@ def contrasts(data: Measurements, measured: np.ndarray, drift: np.ndarray) -> np
 
 
 def from_replicates(data: Measurements, blocks: Blocks, V: np.ndarray) -> NoiseLevel | None:
-    """The scatter of replicates about their own mean; None where there are too few.
+    """The scatter of replicates about their own mean; None where there are too few, or where they are copies.
 
     Args:
         V: (N, 6, ν) their :func:`contrasts`.
@@ -214,6 +216,8 @@ def from_replicates(data: Measurements, blocks: Blocks, V: np.ndarray) -> NoiseL
     flat = V.reshape(-1, V.shape[-1])
     inner = np.stack([flat.T @ (part @ V).reshape(flat.shape) for part in S])
     y = flat.T @ blocks.y.ravel()
+    if np.sqrt(np.mean(y**2)) < COPIED:
+        return None
     dof = np.array([np.trace(inner[0]), np.trace(inner[1])])
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

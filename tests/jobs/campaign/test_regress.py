@@ -42,6 +42,8 @@ def test_nothing_changed(held, capsys):
 
 
 SIGN_IN_A_JACOBIAN = """
+import os
+os.environ["PCALIB_NATIVE"] = "0"
 from pcalib.mechanics.actuation import RotaryArms
 right = RotaryArms.rows
 def wrong(*given):
@@ -50,7 +52,7 @@ def wrong(*given):
     return rows
 RotaryArms.rows = wrong
 """
-"""∂f/∂β with the wrong sign: motor axes are turned the wrong way."""
+"""∂f/∂β of the NumPy path with the wrong sign: motor axes are turned the wrong way."""
 
 A_SHORTER_TOOL = """
 from bench.jobs.campaign import trial
