@@ -149,13 +149,24 @@ class Problem:
         """(M,) 0 for positions, 1 for rotations."""
         return (self.component >= 3).astype(int)
 
+    @property
+    def known(self) -> Known:
+        """How well the noise level is known.
+
+        Where positions and rotations share turns of the measured body, each class has two variances, known from half of
+        its degrees of freedom, and what is measured precisely is the difference of the two, with a level of its own.
+        """
+        if self.noise.lever:
+            return Known(self.classes, self.noise.dof / 2, apart=True)
+        return Known(self.classes, self.noise.dof)
+
     def screen(self, n_draws: int = 4096, seed: int = 0) -> Screen:
         """The reduced arrays that all tests run on."""
         return screen(
             self.y,
             self.nuisance,
             self.groups,
-            Known(self.classes, self.noise.dof),
+            self.known,
             from_rest=self.noise.source == "residuals" or self.noise.pooled,
             n_draws=n_draws,
             seed=seed,

@@ -90,6 +90,14 @@ class Known:
     """(M,) int, class of each reading."""
     dof: np.ndarray
     """(n_classes,) degrees of freedom of the level of each class; inf where it is taken as known."""
+    apart: bool = False
+    """Whether the level of one class says nothing about that of another in the directions that are tested."""
+
+    @property
+    def nu(self) -> float:
+        """Degrees of freedom behind a test that uses all classes; inf where the level of one is taken as known."""
+        used = self.dof[np.unique(self.classes)]
+        return float(np.min(used) if self.apart else np.sum(used)) if np.isfinite(used).all() else np.inf
 
 
 @dataclass(frozen=True)
@@ -238,7 +246,6 @@ def screen(
     )
     at = W.T @ y
     left = max(float(y @ y - at @ at), 0.0), len(y) - U.shape[1] - W.shape[1]
-    used = noise.dof[np.unique(noise.classes)]
     return Screen(
         names=tuple(group.name for group in groups),
         blocks=tuple(W.T @ basis for basis in bases),
@@ -254,7 +261,7 @@ def screen(
         draws=draws,
         left=None if from_rest or left[1] < REST else left,
         left_draws=np.maximum(left_draws, 0.0).astype(float),
-        nu=float(np.sum(used)) if np.isfinite(used).all() else np.inf,
+        nu=noise.nu,
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.candidates import Candidate
 from pcalib.diagnosis.problem import Problem
-from pcalib.diagnosis.screen import Group, Known, Screen, screen
+from pcalib.diagnosis.screen import Group, Screen, screen
 from pcalib.laws.grammar import Law
 from pcalib.laws.proposal import ALIKE, Proposal
 
@@ -49,7 +49,7 @@ class Judge:
             Group(law.words(), made.whitened(columns(made, law)), np.full(law.columns, law.channel.size))
             for law in every
         ]
-        noise = Known(made.classes, made.noise.dof)
+        noise = made.known
         from_rest = made.noise.source == "residuals" or made.noise.pooled
         whole = screen(made.y, made.nuisance, [*made.groups, *groups], noise, from_rest=from_rest, seed=self.seed)
         named = {id(c): i for i, c in enumerate(made.candidates)}

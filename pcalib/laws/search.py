@@ -22,7 +22,7 @@ import numpy as np
 from pcalib.diagnosis import adequacy
 from pcalib.diagnosis.candidates import Candidate
 from pcalib.diagnosis.problem import Problem
-from pcalib.diagnosis.screen import INVISIBLE, LARGE, NUISANCE, Known, project_out, screen, span
+from pcalib.diagnosis.screen import INVISIBLE, LARGE, NUISANCE, project_out, screen, span
 from pcalib.laws.channels import Channel
 from pcalib.laws.functions import Term
 from pcalib.laws.grammar import EACH, Law, laws, sharings
@@ -93,7 +93,7 @@ class _Search:
         for c, dof in enumerate(made.noise.dof):  # the doubt about the noise level belongs to the noise
             if np.isfinite(dof):
                 z[made.classes == c] *= np.sqrt(dof / rng.chisquare(dof, DRAWS)).astype(np.float32)
-        base = screen(made.y, made.nuisance, [], Known(made.classes, made.noise.dof), n_draws=1)
+        base = screen(made.y, made.nuisance, [], made.known, n_draws=1)
         return cls(made, project_out(made.y, U), project_out(z, U.astype(np.float32)), U, base.p_value)
 
     def outside(self, columns: np.ndarray) -> np.ndarray:

@@ -165,3 +165,10 @@ def test_the_misfit_of_pure_noise_is_uniform(from_rest):
         scaled = [Group(g.name, g.columns / level, g.scale) for g in groups]
         p.append(misfit(screen(y / level, nuisance / level, scaled, noise, from_rest=from_rest, n_draws=2)).p)
     assert stats.kstest(p, "uniform").pvalue > 0.001
+
+
+def test_a_level_of_each_class_alone_is_known_less_well():
+    classes = np.repeat([0, 1], 9)
+    assert Known(classes, np.array([40.0, 60.0])).nu == 100 and Known(classes, np.array([40.0, np.inf])).nu == np.inf
+    assert Known(classes, np.array([40.0, 60.0]), apart=True).nu == 40
+    assert Known(classes[:9], np.array([40.0, 12.0]), apart=True).nu == 40  # a class without readings does not count
