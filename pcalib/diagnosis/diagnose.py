@@ -20,7 +20,7 @@ from pcalib.diagnosis.explanations import (
     possible,
     shown_by_held_out,
 )
-from pcalib.diagnosis.held_out import HeldOut
+from pcalib.diagnosis.held_out import HeldOut, refitted
 from pcalib.diagnosis.hypothesis import Kind
 from pcalib.diagnosis.patterns import Cell, cells
 from pcalib.diagnosis.problem import Problem, problem, spread, unknowns_for
@@ -155,9 +155,8 @@ def diagnose(
     null = adequacy.null_distribution(screen)
     critical = adequacy.limit(null, alpha)
     levels = (alpha, against[0], *[against[1]] * (largest - 1))[: largest + 1]
-    sets, events = explanations(
-        World((), made, screen, null, widened or {}), data, own, levels, n_draws, seed, without
-    )
+    world = World((), made, screen, null, widened or {})
+    sets, events = explanations(world, data, own, levels, n_draws, seed, without)
     if [h.kind for e in sets for h in e.members] == [Kind.LEVEL]:
         sets = beside_parts(sets[0], made, n_draws, seed, levels[1])
     held = HeldOut.of(made, data)
@@ -166,10 +165,9 @@ def diagnose(
         if made.outliers.too_many or given.against:
             sets = []  # what a refit leaves of the rows to fit may look like noise, but the rest does not
         elif held is not None:
-            world = World((), made, screen, null, widened or {})
             sets = shown_by_held_out(world, data, held, levels[1], RARE * spent) or sets
     sets = _doubted(sets, made, screen, held, data)
-    nearly = None if sets or events else nearly_all(World((), made, screen, null, widened or {}), data, held)
+    nearly = None if sets or events else nearly_all(world, data, held)
     hot = cells(made.patterns, len(made.candidates), screen, start.p, null)
     verdict, established = decide(sets)
     findings = _findings(made, screen, start, null, sets, critical)
@@ -237,12 +235,13 @@ def _doubted(
     if held is None:
         doubts.append(Doubt.NOTHING_HELD_OUT)
     else:
-        change = held.between(made.model, data, [], best.pairs)
+        before, after = refitted(made.model, data, []), refitted(made.model, data, best.pairs)
+        change = held.compared(before, after)
         best = replace(best, held_out=change)
         if change is None or not change.confirmed:
             doubts.append(Doubt.UNCONFIRMED)
         elif len(best.members) > 1:
-            best = replace(best, unconfirmed=_unconfirmed(best, made, held, data))
+            best = replace(best, unconfirmed=_unconfirmed(best, after, made, held, data))
             if set(best.unconfirmed) >= set(shared(sets)):
                 doubts.append(Doubt.UNCONFIRMED)
     if made.noise.memory is not None:
@@ -256,12 +255,18 @@ def _doubted(
     return [replace(best, doubts=tuple(doubts)), *sets[1:]]
 
 
-def _unconfirmed(best: Explanation, made: Problem, held: HeldOut, data: Measurements) -> tuple[str, ...]:
-    """Members of an explanation that held-out rows do not ask for beside the others: `add` would say to drop them."""
+def _unconfirmed(
+    best: Explanation, after: Model | None, made: Problem, held: HeldOut, data: Measurements
+) -> tuple[str, ...]:
+    """Members of an explanation that held-out rows do not ask for beside the others: `add` would say to drop them.
+
+    Args:
+        after: the model refitted with all members.
+    """
     out = []
     for member in best.members:
         without = [pair for pair in best.pairs if pair[0] is not member]
-        change = held.between(made.model, data, without, best.pairs)
+        change = held.compared(refitted(made.model, data, without), after)
         if change is None or not change.confirmed:
             out.append(member.name)
     return tuple(sorted(set(out)))

@@ -13,7 +13,7 @@ import numpy as np
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis import adequacy, plausibility
 from pcalib.diagnosis.candidates import Candidate
-from pcalib.diagnosis.held_out import HeldOut
+from pcalib.diagnosis.held_out import HeldOut, refitted
 from pcalib.diagnosis.hypothesis import Hypothesis
 from pcalib.diagnosis.problem import Problem, problem
 from pcalib.diagnosis.screen import ALIAS, NUISANCE, Screen, project_out, span
@@ -175,25 +175,28 @@ def nearly_all(world: World, data: Measurements, held: HeldOut | None) -> Nearly
     if best.implausible or left > TRACE:
         return None
     if held is not None:
-        best = replace(best, held_out=held.between(made.model, data, [], best.pairs))
+        before, after = refitted(made.model, data, []), refitted(made.model, data, best.pairs)
+        best = replace(best, held_out=held.compared(before, after))
     return Nearly(best, min(taken / excess, 1.0), left, where)
 
 
 def shown_by_held_out(
     world: World, data: Measurements, held: HeldOut, level: float, chance: float
 ) -> list[Explanation]:
-    """Single effects that held-out rows confirm where the rows to fit alone show no more than noise would.
+    """The single effects that held-out rows confirm although the rows to fit show no more of them than noise would.
 
-    `add` would find each of them confirmed, so that nothing may be said to be missing only if there are none.
+    `pcalib add` confirms such an effect, so that a diagnosis that finds one does not say that nothing is missing.
 
     Args:
         level: at which the rows to fit speak against an effect.
         chance: with which held-out rows may confirm a wrong effect.
     """
-    out = []
-    for chosen in world.adequate(1, level):
+    model, out = world.problem.model, []
+    chosen_sets = world.adequate(1, level)
+    before = refitted(model, data, []) if chosen_sets else None
+    for chosen in chosen_sets:
         found = _explanation(world, chosen)
-        change = held.between(world.problem.model, data, [], found.pairs)
+        change = held.compared(before, refitted(model, data, found.pairs))
         if change is not None and change.confirmed and change.p < chance:
             out.append(replace(found, held_out=change, doubts=(Doubt.SMALL,)))
     return sorted(out, key=lambda e: (bool(e.implausible), e.bic))

@@ -171,10 +171,9 @@ class HeldOut:
             by_rotations=bool(np.sum((a - b)[turned] ** 2) > np.sum((a - b)[~turned] ** 2)),
         )  # fmt: skip
 
-    def between(self, model: Model, data: Measurements, before: Pairs, after: Pairs) -> Change | None:
-        """What changes from a model refitted with some hypotheses to one with others; None where a fit fails."""
-        old, new = refitted(model, data, before), refitted(model, data, after)
-        return None if old is None or new is None else self.change(old, new)
+    def compared(self, before: Model | None, after: Model | None) -> Change | None:
+        """The change from one refitted model to another; None where either fit failed."""
+        return None if before is None or after is None else self.change(before, after)
 
     def _errors(self, change: np.ndarray, r: np.ndarray) -> float:
         """By how many standard errors a change (m,) of the prediction agrees with residuals r (m,)."""

@@ -90,14 +90,14 @@ class Known:
     """(M,) int, class of each reading."""
     dof: np.ndarray
     """(n_classes,) degrees of freedom of the level of each class; inf where it is taken as known."""
-    apart: bool = False
-    """Whether the level of one class says nothing about that of another in the directions that are tested."""
+    pooled: bool = True
+    """Whether a test relies on the levels of all classes together; False: it may rely on that of one class alone."""
 
     @property
     def nu(self) -> float:
-        """Degrees of freedom behind a test that uses all classes; inf where the level of one is taken as known."""
+        """Degrees of freedom of the noise level in a test; inf where the level of a class is taken as known."""
         used = self.dof[np.unique(self.classes)]
-        return float(np.min(used) if self.apart else np.sum(used)) if np.isfinite(used).all() else np.inf
+        return float(np.sum(used) if self.pooled else np.min(used)) if np.isfinite(used).all() else np.inf
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,15 @@ If effect A acts at its usual size and a fit uses effect B in its place, the fit
 
     Δ(A|B) = min_{k, θ_B} |E_A·θ_A − J·k − E_B·θ_B|²
 
-noise units squared (T-optimality, Atkinson & Fedorov 1975). The geometry k is free, as it is to the diagnosis; only
-directions that the rows see with less than ε = 0.05 noise units per tolerance are held.
+noise units squared (T-optimality, Atkinson & Fedorov 1975). The geometry k is free, as it is in a diagnosis; only
+directions that the rows see with less than ε = 0.05 noise units per tolerance are held at the drawing.
 Rows are taken one by one from a pool of reachable poses under all conditions at hand; each is the one that raises the
-poorly separated pairs most. After elimination of the geometry everything happens in a small matrix
+poorly separated pairs most. With the geometry eliminated, all of it follows from one small matrix,
 
     S = EᵀE − EᵀJ·(JᵀJ + ε²·I)⁻¹·JᵀE,    Δ(A|B) = θ_Aᵀ(S_AA − S_AB·S_BB⁻¹·S_BA)θ_A
+
+in which ε² is a prior of 1/ε tolerances: while rows are chosen it stands in for the exact elimination, with which the
+separations of the chosen rows are computed.
 """
 
 from __future__ import annotations
@@ -196,7 +199,7 @@ class _Columns:
         return _Columns(self.geometry, np.concatenate(parts, axis=-1), _slices(parts), self.position)
 
     def reduced(self, rows: np.ndarray) -> np.ndarray:
-        """S (p, p) of some rows."""
+        """S (p, p) of some rows, with the geometry that they see projected out."""
         J = self.geometry[rows].reshape(-1, self.geometry.shape[-1])
         E = self.effects[rows].reshape(-1, self.effects.shape[-1])
         left = project_out(E, span(J, NUISANCE))

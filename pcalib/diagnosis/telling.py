@@ -454,7 +454,7 @@ def evidence_sentence(e: Evidence) -> str:
     if e.finding.p > HOT:
         said = f"{e.finding.s:.1f} noise units, as noise alone would give (p {p_text(e.finding.p)})"
         if e.finding.adequate:
-            return f"Held-out poses ask for {e.candidate.name}, but the rows to fit alone hold {said}."
+            return f"Held-out poses ask for {e.candidate.name}. The rows to fit alone show only {said}."
         return f"Nothing speaks for {e.candidate.name}: {said}."
     if e.rest_p < HOT:
         return f"{e.candidate.name} helps, and is not enough: something is left in {e.rest}."

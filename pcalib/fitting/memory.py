@@ -29,7 +29,7 @@ SOME = 2.2
 effect is correlated in the first sense, and in this one by chance alone. Noise half of which is correlated over six
 rows reaches 2.2–6.4 in 120 rows."""
 FOLLOWING = 3.0
-"""Standard errors of the product of residuals that follow each other from which a closer look pays."""
+"""Standard errors of the sum of products of consecutive residuals from which the full test is worth its time."""
 ROUNDS = 12
 """Most scoring steps; four to eight are usual."""
 APART = 4.0
@@ -51,9 +51,13 @@ class Memory:
     share: tuple[float, float]
     """ρ of positions and of rotations."""
 
-    def more(self, data: Measurements, columns: np.ndarray) -> np.ndarray:
-        """What correlation adds to the covariance (p, p) of sums over readings whose columns are (N, 6, p), in squares
-        of the noise: Σ_c ρ·Fᵀ(K − I)·F."""
+    def added_covariance(self, data: Measurements, columns: np.ndarray) -> np.ndarray:
+        """What the correlation adds to the covariance (p, p) of the sums Fᵀz, z the noise of unit variance: the sum of
+        ρ·Fᵀ(K − I)·F over the components.
+
+        Args:
+            columns: (N, 6, p) F, zero where a reading is not measured.
+        """
         time = time_of(data)
         K = np.exp(-np.abs(time[:, None] - time) / self.tau)
         np.fill_diagonal(K, 0.0)
@@ -84,7 +88,7 @@ def close(data: Measurements) -> bool:
     """Whether replicates follow so fast on each other that they do not show noise which changes over some rows."""
     group, time = replicates.groups(data), time_of(data)
     apart = [np.ptp(time[group == g]) for g in range(int(group.max(initial=-1)) + 1)]
-    return not apart or float(np.median(apart)) < APART * float(np.median(np.diff(np.sort(time))))
+    return not apart or float(np.median(apart)) < APART * _spacing(time)
 
 
 def unordered(data: Measurements) -> bool:
@@ -109,7 +113,7 @@ def memory(
             follow on each other share what is correlated.
     """
     time = time_of(data)
-    spacing = float(np.median(np.diff(np.sort(time))))
+    spacing = _spacing(time)
     if spacing <= 0 or len(y) - Q.shape[1] < 30:
         return None
     more = excess if close(data) else -np.inf
@@ -123,8 +127,10 @@ def memory(
 def of_residuals(
     data: Measurements, y: np.ndarray, U: np.ndarray, row: np.ndarray, component: np.ndarray
 ) -> Memory | None:
-    """The correlation of what a fit leaves over, be it of the noise or of a slow effect that is missing: either makes
-    the fit's unknowns less certain than as many independent readings would. None where it may be chance.
+    """The correlation of the residuals of a fit; None where it may be chance.
+
+    Noise and a slow effect that is missing are not told apart: with either, the unknowns of the fit are less certain
+    than independent readings would make them.
 
     Args:
         y: (M,) whitened residuals of the fitted rows.
@@ -132,18 +138,18 @@ def of_residuals(
         row, component: (M,) of each reading.
     """
     time = time_of(data)
-    spacing = float(np.median(np.diff(np.sort(time))))
+    spacing = _spacing(time)
     where = np.stack([row, component])
     if spacing <= 0 or len(y) - U.shape[1] < 30 or not _follows(y, time, where):
         return None
-    pose = np.unique(np.round(data.q, 9), axis=0, return_inverse=True)[1].ravel()
+    pose = _poses(data)
     if not any(_beyond(y, U, time / (rows * spacing), pose, where) > SURE for rows in TIMES):
         return None
     return _most_likely(y, U, time[row], spacing, component)
 
 
 def _follows(y: np.ndarray, time: np.ndarray, where: np.ndarray) -> bool:
-    """Whether residuals of rows that follow each other go together at all: a look that costs next to nothing."""
+    """Whether residuals of consecutive rows are correlated at all: a cheap test before the full one."""
     values = np.zeros((len(time), 6))
     values[where[0], where[1]] = y
     values = values[np.argsort(time, kind="stable")]
@@ -153,8 +159,13 @@ def _follows(y: np.ndarray, time: np.ndarray, where: np.ndarray) -> bool:
 def _most_likely(
     y: np.ndarray, basis: np.ndarray, time: np.ndarray, spacing: float, component: np.ndarray
 ) -> Memory | None:
-    """The likeliest of all correlation times, with what is allowed for as a basis (M, r) and the time (M,) of each
-    reading; None where no share of the noise is correlated."""
+    """The correlation of the largest likelihood over all correlation times; None where its share of the noise is 0.
+
+    Args:
+        basis: (M, r) orthonormal basis of what is allowed for.
+        time: (M,) of each reading.
+        spacing: usual time between rows.
+    """
     fits = [_fitted(y, basis, time / (rows * spacing), component) for rows in TIMES]
     best = int(np.argmax([likelihood for likelihood, _ in fits]))
     share = fits[best][1]
@@ -169,6 +180,16 @@ def _beyond(y: np.ndarray, basis: np.ndarray, time: np.ndarray, pose: np.ndarray
     return sum(known) / float(np.sqrt(max(len(known), 1)))
 
 
+def _spacing(time: np.ndarray) -> float:
+    """Usual time between rows."""
+    return float(np.median(np.diff(np.sort(time))))
+
+
+def _poses(data: Measurements) -> np.ndarray:
+    """(N,) number of the commanded pose of each row; replicates share one."""
+    return np.unique(np.round(data.q, 9), axis=0, return_inverse=True)[1].ravel()
+
+
 def _correlated(
     y: np.ndarray, U: np.ndarray, Q: np.ndarray, time: np.ndarray, where: np.ndarray, data: Measurements, more: float
 ) -> bool:
@@ -179,7 +200,7 @@ def _correlated(
         where: (2, M) row and component of each reading.
         more: standard errors by which replicates speak for it too; −inf where they say nothing.
     """
-    pose = np.unique(np.round(data.q, 9), axis=0, return_inverse=True)[1].ravel()
+    pose = _poses(data)
     for rows in TIMES:
         z = [_beyond(y, basis, time / rows, pose, where) for basis in (U, Q)]
         if z[0] > SURE and max(z[1], (z[1] + more) / np.sqrt(2)) > SOME:

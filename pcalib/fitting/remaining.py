@@ -99,7 +99,7 @@ def remaining(model: Model, data: Measurements, unknowns: Unknowns, half: np.nda
     spread = np.einsum("nia,nij,njb->ab", columns, noise_level.covariance(level, blocks), columns)
     serial = memories.of_residuals(data, rest, np.linalg.qr(turned(taken))[0], row, component)
     if serial is not None:
-        spread += serial.more(data, columns * np.repeat(level.ratio, 3)[:, None])
+        spread += serial.added_covariance(data, columns * np.repeat(level.ratio, 3)[:, None])
     values, vectors = np.linalg.eigh(0.5 * (inverse + spread + (inverse + spread).T))
     own = half @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     return Doubt(Remaining(level.ratio, level.sigma_q, misfit, dof), own)

@@ -343,7 +343,7 @@ def test_what_add_confirms_diagnose_does_not_miss():
     alone = replace(found, sets=found.sets[:1])
     assert telling.sentence(alone).endswith("the rows to fit alone show no more of it than noise would.")
     said = telling.evidence_sentence(evidence(made.model, made.data, "drive_compliance"))
-    assert said.startswith("Held-out poses ask for drive_compliance")
+    assert said.startswith("Held-out poses ask for drive_compliance. The rows to fit alone show only 3.2 noise units")
 
 
 class TestVisibility:

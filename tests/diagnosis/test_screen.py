@@ -170,5 +170,5 @@ def test_the_misfit_of_pure_noise_is_uniform(from_rest):
 def test_a_level_of_each_class_alone_is_known_less_well():
     classes = np.repeat([0, 1], 9)
     assert Known(classes, np.array([40.0, 60.0])).nu == 100 and Known(classes, np.array([40.0, np.inf])).nu == np.inf
-    assert Known(classes, np.array([40.0, 60.0]), apart=True).nu == 40
-    assert Known(classes[:9], np.array([40.0, 12.0]), apart=True).nu == 40  # a class without readings does not count
+    assert Known(classes, np.array([40.0, 60.0]), pooled=False).nu == 40
+    assert Known(classes[:9], np.array([40.0, 12.0]), pooled=False).nu == 40  # a class without readings does not count

@@ -102,7 +102,7 @@ def test_what_a_fit_leaves_over_is_correlated_or_is_not(data, rng, where):
 def test_sums_over_correlated_readings_scatter_as_is_said(data, rng):
     """The covariance that correlation adds, against the scatter of many draws."""
     columns = rng.standard_normal((ROWS, 6, 2)) + 1.0  # what all rows have in common gains most
-    said = memories.Memory(TAU, TAU, (RHO, RHO)).more(data, columns)
+    said = memories.Memory(TAU, TAU, (RHO, RHO)).added_covariance(data, columns)
     sums = np.array([np.tensordot(readings(rng, RHO).reshape(ROWS, 6), columns, axes=2) for _ in range(4000)])
     plain = np.einsum("nca,ncb->ab", columns, columns)
     assert np.cov(sums.T) == pytest.approx(plain + said, rel=0.1)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import noises
+from bench import faults, noises
 from bench.jobs import blind
 from bench.jobs.diagnosis_benchmark import figures, report, rows
 from bench.jobs.diagnosis_benchmark.results import Results
-from bench.jobs.diagnosis_benchmark.rows import added, hidden, noise
+from bench.jobs.diagnosis_benchmark.rows import added, hidden, noise, to_tell
 from bench.jobs.hidden.catalogue import CATALOGUE, UNLISTED
 from bench.jobs.hidden.design import DESIGNS
 from bench.jobs.hidden.grading import Answer, Facts, Grade
@@ -211,3 +211,17 @@ def pcbench(*arguments):
     code = "import sys; from bench.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", code, *arguments]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def test_usual_sizes_of_the_plan_to_tell_are_those_of_the_effects():
+    """A fault of the row `to_tell` moves the readings as the effect of its name does at its usual parameters."""
+    for name, table in to_tell.USUAL.items():
+        size = [p.prior for p in effects.get(name, None, ROBOT).parameters]
+        fault = faults.make(ROBOT, name, table)
+        if "amplitude" in fault.values:  # sine and cosine of usual size
+            assert np.mean(fault.values["amplitude"]) == pytest.approx(np.hypot(*size))
+            turns = {"encoder_eccentricity": 1, "encoder_ovality": 2, "gear_ripple": 1}[name]
+            assert turns * np.mean(fault.values["phase"]) == pytest.approx(np.pi / 4)
+        else:
+            given = np.concatenate([np.unique(fault.values[s]) for s in fault.SIZES or [fault.SETTINGS[0].name]])
+            assert sorted(set(given)) == pytest.approx(sorted(set(size)))
