@@ -84,7 +84,7 @@ def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
             "independent.",
         )  # fmt: skip
     yield from _sensed(data)
-    if not data.mask[:, 3:].any():
+    if not data.mask[:, 3:].any() and (robot is None or robot.mechanism.plate_turns):
         tools = len(np.unique(np.round(data.tool, 6), axis=0))
         if tools < 3:
             yield Finding(

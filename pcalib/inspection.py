@@ -191,7 +191,7 @@ def words(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
         rows.append(("from the nominal robot", f"{nominal['rms_pos_um'] / 1e3:.3g} mm rms"))
     told = facts.get("forecast")
     if told is not None:
-        first, *_, last = told["landings"]
+        first, last = told["landings"][0], told["landings"][-1]  # one and the same where tools change nothing
         longer = ""
         if last != first:
             longer = f", {wording.size(1e-6 * last['u95_um'])} with a {last['tool_mm']:.0f} mm tool"

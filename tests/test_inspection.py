@@ -191,3 +191,10 @@ def test_what_sensors_leave_open_is_said(tmp_path):
     found = {f.code: f for f in inspection.inspect(measurement.load(tmp_path / "d.csv", DELTA), DELTA).findings}
     assert "base_unknown" in found
     assert "Station B has 3 readings to fit and 3 unknowns" in found["few_to_station"].message
+
+
+def test_one_landing_is_told_without_a_longer_tool():
+    """Where the plate cannot turn, tools of all lengths land alike, and a forecast has one line."""
+    facts = inspection.inspect(good(), DELTA).facts
+    one = {"landings": [{"tool_mm": 0.0, "u95_um": 12.0}]}
+    assert dict(inspection.words({**facts, "forecast": one}))["a fit lets land within"] == "12.0 µm at the plate (95 %)"

@@ -21,6 +21,8 @@ from pcalib.model import Model
 
 LEAST = 1e-3
 """[kg] mass of a part whose mass the robot file does not give; MuJoCo needs some."""
+SMALLEST = 0.01
+"""[m] radius of the ball whose inertia a plate has where all rods meet in its origin; MuJoCo needs some."""
 STIFF = {"angle": 1e4, "length": 1e5}
 """[N·m/rad, N/m] gain of the position actuators: a start, which a user's controller replaces."""
 ROTOR = {"angle": 0.02, "length": 1.0}
@@ -247,7 +249,7 @@ def _plate(rods: Rods, scene: _Scene) -> None:
     """The plate with its ball joints, hinged bodies and the tool point."""
     x, R = rods.home.x[0], rods.home.R[0]
     shown = [r for r in range(len(rods.rods)) if not rods.guided[r]]
-    size = float(np.linalg.norm(rods.plate[shown], axis=1).max())
+    size = max(float(np.linalg.norm(rods.plate[shown], axis=1).max()), SMALLEST)
     if len(rods.dofs) == 6:
         scene.world += [
             f'    <body name="plate" pos="{_list(x)}" quat="{_list(rotation.to_quaternion(R))}">',

@@ -259,6 +259,11 @@ class Mechanism:
         """(3,) where a straight tool points from the plate: away from the drives, in the plane of a planar one."""
         return np.array([0.0, 0.0, self.rod_side or -1.0]) if 2 in self.plate_dofs else np.array([0.0, -1.0, 0.0])
 
+    @property
+    def plate_turns(self) -> bool:
+        """Whether errors can turn the plate."""
+        return any(dof >= 3 for dof in self.plate_dofs)
+
     def index(self, name: str) -> int:
         """Position of a named parameter in k."""
         return self.parameters.index(name)

@@ -219,8 +219,10 @@ def _factor(fit: Fit) -> float:
 
 def _half_width(model: Model) -> float:
     """[m] RMS distance of the plate's joints from their middle: an error of one rod shifts the plate by its like, and
-    turns it by that over this length."""
+    turns it by that over this length. Infinite where nothing turns the plate."""
     mechanism = model.robot.mechanism
+    if not mechanism.plate_turns:
+        return np.inf
     points = mechanism.plate_points(model.k)
     return float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
 
@@ -242,7 +244,7 @@ def _split(rows: _Rows, lever: np.ndarray, half_width: float, misfit: np.ndarray
     if turned.any() and misfit[1] > DOUBTFUL:
         turn2 = max(float(excess[turned].mean()), 0.0) + generous[1] * rows.standard_error(turned)
     if not moved.any():
-        return float(np.sqrt(turn2)) * half_width, float(np.sqrt(turn2))
+        return float(np.sqrt(turn2)) * half_width if turn2 else 0.0, float(np.sqrt(turn2))
     if misfit[0] <= DOUBTFUL:
         return 0.0, float(np.sqrt(turn2))
     own, x = excess[:, :3][moved[:, :3]], lever[moved[:, :3]]

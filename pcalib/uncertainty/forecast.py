@@ -19,7 +19,6 @@ from pcalib.fitting import drawing, least_squares
 from pcalib.fitting.identifiability import THRESHOLD, without
 from pcalib.fitting.linearisation import information
 from pcalib.fitting.unknowns import Unknowns, unknowns_of
-from pcalib.mechanics.mechanism import Mechanism
 from pcalib.model import Conditions, Model
 from pcalib.posterior import Posterior, Remaining
 from pcalib.robot import Robot
@@ -84,7 +83,7 @@ def forecast(data: Measurements, robot: Robot) -> Forecast | None:
     q = workspace.reachable(robot, SPOTS, np.random.default_rng(1)).q
     known = replace(model, level="complete", posterior=posterior)
     u95 = []
-    for length in TOOLS if _turns(robot.mechanism) else TOOLS[:1]:
+    for length in TOOLS if robot.mechanism.plate_turns else TOOLS[:1]:
         covariance = beside_a_frame(known, q, Conditions.of(len(q), length * _outwards(robot)))
         u95.append((length, radius.pooled(covariance)))
     return Forecast(int(np.sum(spectrum > THRESHOLD)), tuple(u95))
@@ -99,11 +98,6 @@ def _posterior(model: Model, unknowns: Unknowns, R: np.ndarray) -> Posterior | N
         return None
     half = (half * unknowns.scale[:, None])[:g]
     return Posterior.of(model.robot.mechanism.levels["complete"].columns, half, Remaining(np.ones(2)))
-
-
-def _turns(mechanism: Mechanism) -> bool:
-    """Whether errors can turn the plate."""
-    return any(dof >= 3 for dof in mechanism.plate_dofs)
 
 
 def _outwards(robot: Robot) -> np.ndarray:

@@ -10,7 +10,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.errors import InputError
 from pcalib.fitting import identification
 from pcalib.model import Conditions, FittedEffect, Model
-from pcalib.uncertainty import assessed, expect, maps, outlook, propagation, radius
+from pcalib.uncertainty import assessed, discrepancy, expect, maps, outlook, propagation, radius
 
 SOFT = "drive_compliance"
 
@@ -224,3 +224,13 @@ def test_adding_an_effect_keeps_the_explanations_that_stand_beside_it(truth, dat
     assert model.uncertainty.rivals and sum(r["weight"] for r in model.uncertainty.rivals) < 1
     assert "arm_bending" in rivals.words(model)
     assert outlook.outlook(model, rivals=rivals.models(model)).components["rivals"] > 0
+
+
+def test_a_plate_that_cannot_turn_has_no_lever(delta):
+    """What positions leave unexplained is then a shift alone, and no model states a turn that is no number."""
+    still = replace(delta.mechanism, plate_dofs=(0, 1, 2))
+    robot = replace(delta)
+    vars(robot)["mechanism"] = still  # where the cached property keeps it
+    model = replace(Model.nominal(delta), robot=robot)
+    assert not still.plate_turns and discrepancy._half_width(model) == np.inf
+    assert delta.mechanism.plate_turns and 0 < discrepancy._half_width(Model.nominal(delta)) < 0.2
