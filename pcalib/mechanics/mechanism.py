@@ -219,7 +219,7 @@ class Mechanism:
     """(m,) which actuator moves each rod."""
     actuation: Actuation
     plate_columns: np.ndarray
-    """(m, 3) where b_r stands in k, plate frame; distinct within a row."""
+    """(m, 3) where b_r stands in k, plate frame; no entry of a row stands twice in it, or in that of the actuation."""
     levels: Mapping[str, Level]
     start: Callable[[np.ndarray, np.ndarray], Pose]
     """Approximate plate poses for (k, q): where Newton starts."""
@@ -242,6 +242,16 @@ class Mechanism:
     """Whether the nominal inverse is the rods' own closed form with the plate unturned (the Delta's IPR_S)."""
     max_tilt: float = 0.3
     """[rad] a plate turned further than this from its commanded orientation is on a wrong branch."""
+
+    def __post_init__(self) -> None:
+        for rod, row in zip(self.rods, np.hstack([self.actuation.columns, self.plate_columns]), strict=True):
+            if len(set(row.tolist())) < len(row):
+                twice = sorted({self.parameters[i] for i in row if np.sum(row == i) > 1})
+                raise ValueError(
+                    f"kind {self.kind}: {', '.join(twice)} stands twice among the columns of rod {rod}, those of the "
+                    "actuation and of the plate, and one derivative would overwrite the other; where plate_signs is 0 "
+                    "any column serves that does not stand there yet"
+                )
 
     @property
     def n_state(self) -> int:

@@ -1,5 +1,6 @@
 """The planar parallelogram as a robot kind: its rows, Jacobians and inverse, against geometry and differences."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,3 +112,11 @@ def test_levels_are_those_of_the_paper():
     assert np.abs(pose.R - np.eye(3)).max() < 1e-12
     assert MECHANISM.levels["nominal"].basis.shape == (9, 0)
     assert np.array_equal(MECHANISM.levels["complete"].basis, np.eye(9))
+
+
+def test_columns_that_one_derivative_would_take_from_another_are_refused():
+    """A column of the actuation that stands in for a coordinate which does not exist would read 0 in every Jacobian."""
+    columns = MECHANISM.plate_columns.copy()
+    columns[1, 2] = MECHANISM.index("a2x")
+    with pytest.raises(ValueError, match="a2x stands twice among the columns of rod 2"):
+        replace(MECHANISM, plate_columns=columns)
