@@ -202,8 +202,10 @@ def warmer(at: Situation, part: str) -> np.ndarray:
 
 
 def unsuited_without_arms(mechanism: Mechanism) -> str:
-    """For effects of rotary arms."""
-    return "" if motor_axes(mechanism, mechanism.nominal) is not None else "its actuators turn no arms"
+    """For effects of rotary arms, which need the points that the arms turn about."""
+    if motor_axes(mechanism, mechanism.nominal) is None:
+        return "its actuators turn no arms"
+    return "" if len(mechanism.base_points) else "the base points of its arms are no vectors of parameters"
 
 
 def stiffness(compliance: float, unit: str, part: str = "") -> str:
