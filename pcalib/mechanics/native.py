@@ -62,6 +62,11 @@ def _shape(mechanism: Mechanism) -> str | None:
     return None
 
 
+def knows(mechanism: Mechanism) -> bool:
+    """Whether the extension was built and has the shape of this mechanism; all others are left to NumPy."""
+    return bool(library()) and _shape(mechanism) is not None
+
+
 def _numbers(mechanism: Mechanism, k: np.ndarray) -> np.ndarray:
     """The numbers of a robot in the order of `table` in native/batch.c."""
     return _numbers_of(mechanism, np.ascontiguousarray(k, float).tobytes())

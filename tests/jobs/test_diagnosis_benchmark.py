@@ -159,11 +159,12 @@ def test_a_row_asks_its_bounds_and_repeats_itself(name):
     assert again.about == one["about"]
 
 
-def test_noise_of_every_sort_is_asked_on_every_kind():
+def test_noise_of_every_sort_is_asked_on_every_kind(own_tests):
     asked_noises = {v.design.instrument_settings.get("noise", "white") for v in noise.VARIANTS.values()}
-    assert asked_noises == set(noises.names())
+    assert asked_noises <= set(noises.names()) <= asked_noises | own_tests
     kinds = {robots.load(path).kind for path in (ROOT / "models").glob("*.toml")}
-    assert {kind for v in noise.VARIANTS.values() for kind in v.kinds} == kinds
+    asked_kinds = {kind for v in noise.VARIANTS.values() for kind in v.kinds}
+    assert asked_kinds <= kinds <= asked_kinds | own_tests
 
 
 @pytest.mark.parametrize("variant", noise.VARIANTS)
