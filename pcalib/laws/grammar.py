@@ -62,7 +62,7 @@ class Law:
 
     def deviation(self, at: Situation, theta: np.ndarray) -> np.ndarray:
         """Deviations (N, places) at amplitudes theta (columns,) [SI]."""
-        functions = self.term.values(at)
+        functions = at_places(self.term, self.channel, at)
         out = np.zeros((len(at), len(self.places)))
         for f, size in zip(functions, np.asarray(theta, float).reshape(len(functions), -1), strict=True):
             chosen = list(self.chosen)
@@ -79,7 +79,10 @@ class Law:
         if self.sharing not in (COMMON, EACH):
             where = f"{where}, {self.sharing} alone"
         each = ", each by its own amount" if self.sharing == EACH and not self.channel.vector else ""
-        return f"{where} by {self.term.words()}{each}"
+        told = self.term.words()
+        if by_arm(self.term, self.channel):
+            told = told.replace("its own", "its arm's")
+        return f"{where} by {told}{each}"
 
     def describe(self, theta: np.ndarray) -> str:
         """The amplitudes with their unit, at the largest value of the function."""
@@ -91,6 +94,23 @@ class Law:
         return f"{', '.join(figure(float(v)) for v in values[0])} {unit}{self.term.reference}"
 
 
+def by_arm(term: Term, channel: Channel) -> bool:
+    """Whether every rod of the channel takes the value that the function has at its arm."""
+    return channel.places == "rod" and term.per == "arm"
+
+
+def repeated(term: Term, channel: Channel) -> bool:
+    """Whether a law of a single rod by this function is one by a direction of the whole robot as well: motor by motor,
+    directions stand among its variables too."""
+    return by_arm(term, channel) and all(s.variable.name == "dir" for s in term.variables if s.variable.per == "arm")
+
+
+def at_places(term: Term, channel: Channel, at: Situation) -> tuple[np.ndarray, ...]:
+    """One or two functions (N, 1 or places) at the places of a channel."""
+    found = term.values(at)
+    return tuple(f[:, at.robot.mechanism.actuator] for f in found) if by_arm(term, channel) else found
+
+
 def laws(at: Situation) -> Iterator[tuple[Channel, tuple[str, ...], list[Term]]]:
     """The grammar on some data: every channel that the robot has, its places, and the functions that fit it."""
     mechanism = at.robot.mechanism
@@ -98,7 +118,7 @@ def laws(at: Situation) -> Iterator[tuple[Channel, tuple[str, ...], list[Term]]]
     for channel in CHANNELS:
         if not channel.suits(mechanism):
             continue
-        accepted = {"pose"} if channel.vector else {"pose", channel.places}
+        accepted = {"pose"} if channel.vector else {"pose", "arm", channel.places}
         yield channel, channel.names(mechanism), [term for term in found if term.per in accepted]
 
 

@@ -25,7 +25,7 @@ from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.screen import INVISIBLE, LARGE, NUISANCE, project_out, screen, span
 from pcalib.laws.channels import Channel
 from pcalib.laws.functions import Term
-from pcalib.laws.grammar import EACH, Law, laws, sharings
+from pcalib.laws.grammar import EACH, Law, at_places, laws, repeated, sharings
 from pcalib.laws.judge import TESTED, Judge, columns
 from pcalib.laws.proposal import Proposals, families
 
@@ -155,6 +155,8 @@ class _Search:
             g = _shared_square(sharing, places, G)
             mine, by_chance = _shared(sharing, places, b), _shared(sharing, places, noise)
             moves = np.all(np.diagonal(g, axis1=1, axis2=2) > 0, axis=1)  # every amplitude must move something
+            if sharing in places:
+                moves &= [not repeated(term, channel) for term in found]
             for k in range(len(beside)):
                 inside, seen_by, level = g, mine[..., :1], 0.0
                 if k:
@@ -184,7 +186,8 @@ class _Search:
         places."""
         at, row = self.made.point.situation, self.made.row
         P = response.shape[1]
-        F = np.stack([np.stack([np.broadcast_to(f, (len(at), P)) for f in term.values(at)]) for term in found])
+        functions = [at_places(term, channel, at) for term in found]
+        F = np.stack([np.stack([np.broadcast_to(f, (len(at), P)) for f in some]) for some in functions])
         E = (response * F[:, :, row]).astype(np.float32)  # (T, K, M, P)
         T, K, M, _ = E.shape
         flat = E.transpose(2, 0, 1, 3).reshape(M, -1)

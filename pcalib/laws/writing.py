@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from pcalib import units
-from pcalib.laws.grammar import EACH, Law
+from pcalib.laws.channels import ARM
+from pcalib.laws.grammar import EACH, Law, by_arm
 from pcalib.wording import capital, figure
 
 _HELPERS = ("along_arms", "motor_axes")
@@ -81,7 +82,8 @@ def _body(law: Law) -> tuple[list[str], str]:
     lines, parts = [], []
     for i, text in enumerate(functions):
         name = ("shape",) if len(functions) == 1 else ("sine", "cosine")
-        lines.append(f"{name[i]} = {text}")
+        spread = f"({text})[:, {ARM}]" if by_arm(law.term, law.channel) else text
+        lines.append(f"{name[i]} = {spread}")
         parts.append(_sized(law, name[i], i, n))
     lines.append(f"size = {' + '.join(parts)}")
     if not vector and law.term.per == "pose" and law.sharing == "common":  # one column for all places

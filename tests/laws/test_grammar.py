@@ -10,7 +10,7 @@ from pcalib.effects import user
 from pcalib.laws import writing
 from pcalib.laws.channels import CHANNELS
 from pcalib.laws.functions import SHAPES
-from pcalib.laws.grammar import EACH, Law, laws, sharings
+from pcalib.laws.grammar import EACH, Law, laws, repeated, sharings
 
 ROOT = Path(__file__).parents[2]
 ROBOTS = ("delta", "hexapod", "linear_delta", "hexa")
@@ -91,3 +91,21 @@ def test_sharing_says_which_places_deviate(grammar):
         moved = made.deviation(at, np.ones(made.columns)).any(axis=0)
         assert moved.sum() == (1 if sharing in law.places else len(law.places))
         assert made.columns == (len(law.places) if sharing == EACH else 1) * len(law.term.shape.text)
+
+
+def test_a_rod_takes_the_value_of_its_arm(grammar):
+    """On every robot of one or two rods per arm, and in the words of the law."""
+    robot, at, every = grammar
+    law = next(law for law in every if law.channel.places == "rod" and law.term.variables[0].variable.text == "at.q")
+    made = Law(law.channel, "common", law.term, law.places)
+    by_arm = made.term.values(at)[0]
+    deviation = made.deviation(at, np.eye(made.columns)[0])
+    assert np.array_equal(deviation, by_arm[:, robot.mechanism.actuator])
+    assert "its arm's" in made.words()
+
+
+def test_a_law_of_one_rod_by_a_direction_names_the_motor_and_comes_once(grammar):
+    *_, every = grammar
+    rods = [law for law in every if law.channel.places == "rod" and law.term.variables[0].variable.name == "dir"]
+    assert {repeated(law.term, law.channel) for law in rods} == {True, False}
+    assert all(repeated(law.term, law.channel) == (law.term.per == "arm") for law in rods if law.term.times is None)
