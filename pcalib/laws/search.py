@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -42,22 +43,36 @@ class _Tried:
     law: Law
     gain: float
     d: int
-    p: float
     bic: float
     companion: int = -1
     """Index of the companion beside which the law stands; −1: none."""
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """What trying many laws gave."""
+
+    tried: list[_Tried]
+    """The best constant of every function, in each sharing and beside each companion."""
+    count: int
+    """Laws that were tried."""
+    p: float
+    """Smallest p of a law alone, or beside a companion, not corrected for the search."""
+    null: np.ndarray
+    """(DRAWS,) the smallest p of laws alone on each draw of noise."""
 
 
 def propose(made: Problem, seed: int = 0) -> Proposals:
     """Laws that explain what a model leaves over, by classes; none where their search finds as much in pure noise."""
     search = _Search.of(made, seed)
     listed = search.best_listed()
-    tried, null = search.all([search.outside(made.whitened(c.columns)) for c in listed])
-    if not tried:
+    scan = search.all([search.outside(made.whitened(c.columns)) for c in listed])
+    if not scan.count:
         return Proposals((), 0, 1.0, made)
-    p = float(adequacy.corrected(min(t.p for t in tried), null))
+    p = float(adequacy.corrected(scan.p, scan.null))
     if p > adequacy.ALPHA:
-        return Proposals((), len(tried), p, made)
+        return Proposals((), scan.count, p, made)
+    tried = scan.tried
     judge = Judge.of(made, p, adequacy.AGAINST[0], seed)
     alone = search.refined(_one_of_each([t for t in tried if t.companion < 0]))
     found = judge.all([((t.law,), (), t.bic) for t in alone])
@@ -65,11 +80,11 @@ def propose(made: Problem, seed: int = 0) -> Proposals:
         beside = _one_of_each([t for t in tried if t.companion >= 0])
         pairs = [((t.law,), (listed[t.companion],), t.bic) for t in search.refined(beside)]
         first = _one_of_each([t for t in alone if t.companion < 0])[:COMPANIONS]
-        more, _ = search.all([search.outside(made.whitened(columns(made, t.law))) for t in first], with_noise=False)
-        second = search.refined(_one_of_each([t for t in more if t.companion >= 0]))
+        more = search.all([search.outside(made.whitened(columns(made, t.law))) for t in first], with_noise=False)
+        second = search.refined(_one_of_each([t for t in more.tried if t.companion >= 0]))
         pairs += [((first[t.companion].law, t.law), (), t.bic) for t in second]
         found += judge.all(pairs)
-    return Proposals(tuple(families(found)), len(tried), p, made)
+    return Proposals(tuple(families(found)), scan.count, p, made)
 
 
 @dataclass(frozen=True)
@@ -120,10 +135,9 @@ class _Search:
         ones = [np.broadcast_to(row, (len(at), len(places))) for row in np.eye(len(places))]
         return self.made.whitened(self.made.point.columns([channel.contribution(at, one) for one in ones]))
 
-    def all(self, companions: Sequence[np.ndarray], with_noise: bool = True) -> tuple[list[_Tried], np.ndarray]:
-        """Every law with its gain, alone and beside each companion (M, r), and the smallest p of laws alone on each
-        draw, ascending."""
-        null, out = np.ones(DRAWS), []
+    def all(self, companions: Sequence[np.ndarray], with_noise: bool = True) -> _Scan:
+        """Every law, alone and beside each companion (M, r); `null` ascending."""
+        out = _Scan([], 0, 1.0, np.ones(DRAWS))
         for channel, places, found in laws(self.made.point.situation):
             response = self.response(channel, places)
             if not np.any(response):
@@ -132,10 +146,12 @@ class _Search:
                 same = [term for term in found if len(term.shape.text) == width]
                 for first in range(0, len(same), BLOCK):
                     some = same[first : first + BLOCK]
-                    tried, smallest = self.block(channel, places, response, some, companions, with_noise)
-                    out += tried
-                    null = np.minimum(null, smallest)
-        return out, np.sort(null)
+                    more = self.block(channel, places, response, some, companions, with_noise)
+                    out = _Scan(
+                        out.tried + more.tried, out.count + more.count, min(out.p, more.p),
+                        np.minimum(out.null, more.null),
+                    )  # fmt: skip
+        return replace(out, null=np.sort(out.null))
 
     def block(
         self,
@@ -145,12 +161,14 @@ class _Search:
         found: Sequence[Term],
         companions: Sequence[np.ndarray],
         with_noise: bool,
-    ) -> tuple[list[_Tried], np.ndarray]:
-        """Some functions in all sharings on one channel."""
+    ) -> _Scan:
+        """Some functions in all sharings on one channel; those that differ by a constant follow each other."""
         beside = [self.y[:, None], *companions]
         at = np.cumsum([0, *(c.shape[1] for c in beside)])
         G, b, noise = self.moments(channel, response, found, np.hstack(beside), with_noise)
-        out, null = [], np.ones(DRAWS)
+        searched = np.array([term.shape.searched for term in found])
+        run = np.cumsum([0, *(_function(a) != _function(b) for a, b in pairwise(found))])
+        out, count, smallest, null = [], 0, 1.0, np.ones(DRAWS)
         for sharing in sharings(channel, places):
             g = _shared_square(sharing, places, G)
             mine, by_chance = _shared(sharing, places, b), _shared(sharing, places, noise)
@@ -172,12 +190,15 @@ class _Search:
                         largest = T_noise[d == columns].max(axis=0)
                         null = np.minimum(null, self.p_value(largest, np.full(DRAWS, columns)))
                 extra = companions[k - 1].shape[1] if k else 0
-                for i in np.flatnonzero(moves & (d > 0)).tolist():
+                counted = moves & (d > 0)
+                gain = T[:, 0] + level
+                bic = np.where(counted, (d + extra + searched) * np.log(len(self.y)) - gain, np.inf)
+                count += int(counted.sum())
+                smallest = min(smallest, float(p[counted].min(initial=1.0)))
+                for i in _first_of_each(run, bic):
                     law = Law(channel, sharing, found[i], places)
-                    cost = (int(d[i]) + extra + law.term.shape.searched) * np.log(len(self.y))
-                    gain = float(T[i, 0]) + level
-                    out.append(_Tried(law, gain, int(d[i]), float(p[i]), float(cost - gain), k - 1))
-        return out, null
+                    out.append(_Tried(law, float(gain[i]), int(d[i]), float(bic[i]), k - 1))
+        return _Scan(out, count, smallest, null)
 
     def moments(
         self, channel: Channel, response: np.ndarray, found: Sequence[Term], beside: np.ndarray, with_noise: bool
@@ -254,11 +275,21 @@ def _gain(G: np.ndarray, b: np.ndarray, size: float, whole: np.ndarray) -> tuple
     return np.einsum("td,tdn->tn", inverse, turned**2), seen.sum(axis=1)
 
 
+def _function(term: Term) -> tuple[str, ...]:
+    """What tells functions apart but for their constants."""
+    return (term.shape.name, *(s.variable.words for s in term.variables))
+
+
+def _first_of_each(run: np.ndarray, bic: np.ndarray) -> list[int]:
+    """Indices of the lowest finite bic (n,) in each run of equal numbers (n,)."""
+    order = np.lexsort((bic, run))
+    first = order[np.r_[True, np.diff(run[order]) > 0]]
+    return first[np.isfinite(bic[first])].tolist()
+
+
 def _one_of_each(tried: Sequence[_Tried]) -> list[_Tried]:
     """The best constant of each companion, channel, sharing and function, by BIC."""
     out: dict[tuple, _Tried] = {}
     for t in sorted(tried, key=lambda t: t.bic):
-        term = t.law.term
-        function = (term.shape.name, tuple(s.variable.words for s in term.variables))
-        out.setdefault((t.companion, t.law.channel.words, t.law.sharing, function), t)
+        out.setdefault((t.companion, t.law.channel.words, t.law.sharing, _function(t.law.term)), t)
     return list(out.values())
