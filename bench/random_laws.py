@@ -42,7 +42,7 @@ class Term:
     """Second number of the shape: phase or place."""
 
     def of(self, u: np.ndarray) -> np.ndarray:
-        """Return values of the shape at u."""
+        """Return the factor, shape of u, at values u of the variable; u is of the order of one."""
         return SHAPES[self.shape](u, self.first, self.second)
 
     @property

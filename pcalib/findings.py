@@ -96,14 +96,14 @@ def amount(data: Measurements, robot: Robot | None) -> Iterator[Finding]:
 
 
 def _sensed(data: Measurements) -> Iterator[Finding]:
-    """What readings of sensors leave open."""
+    """Findings on what the readings of sensors cannot determine."""
     if data.readings is None:
         return
     if data.frame == "base" and np.isnan(data.position).all():
         yield Finding(
             "note", "base_unknown",
-            "No reading says where the base stands: a fit holds it where the drawing has it, and commands are right "
-            "beside each other.",
+            "No reading says where the base stands: a fit holds it at its nominal place, and commands are right "
+            "relative to each other.",
         )  # fmt: skip
     for sensor, to, rows in data.readings.parts:
         unknowns = sum(len(block.parameters) for block in sensor.blocks(to, data.readings.options))
@@ -111,8 +111,8 @@ def _sensed(data: Measurements) -> Iterator[Finding]:
         if used < 3 * unknowns and sensor.to is not None:
             yield Finding(
                 "warning", "few_to_station",
-                f"{sensor.to.capitalize()} {to} has {used} readings to fit and {unknowns} unknowns of its own: they "
-                "say little else.",
+                f"{sensor.to.capitalize()} {to} has {used} readings to fit and {unknowns} unknowns of its own: "
+                "little is left to determine the robot.",
                 "Measure to it at ten or more poses.",
             )  # fmt: skip
 

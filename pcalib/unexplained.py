@@ -20,7 +20,7 @@ REMEDY = "fit the model anew, or delete the section [uncertainty]: the model the
 
 
 class Beyond(StrEnum):
-    """What of a target was never measured."""
+    """The condition of a target that lies outside the measured ones."""
 
     TOOL = "tool"
     PAYLOAD = "payload"

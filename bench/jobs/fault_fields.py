@@ -163,7 +163,7 @@ def _default(setting: Setting) -> str:
 
 
 def main() -> None:
-    """Draw all pictures and rewrite the chapter."""
+    """Draw the pictures of all faults and rewrite their chapter in docs/bench.md."""
     robot = robots.load(MODELS / "delta.toml")
     (DOCS / "faults").mkdir(exist_ok=True)
     for name in faults.names():

@@ -320,9 +320,9 @@ def gather(found: Sequence[tuple[Trial, Landed | None]]) -> list[Cell]:
 
 
 def _predicted(name: str, ok: Sequence[Landed], count: int) -> Cell:
-    """The cell of plans: RMS misses, predicted and realised, in place of radii, and the doubt of their ratio.
+    """The cell for plans, which compares predicted and realised RMS misses instead of radii, and the σ of their ratio.
 
-    Robots count alike, whatever their size: the ratio is the root of their mean (realised/predicted)².
+    All robots have the same weight, whatever their size: the ratio is the root of their mean (realised/predicted)².
     """
     square = np.array([np.mean(np.square(x.miss)) / x.u95[0] ** 2 for x in ok])
     predicted, realised = (float(np.sqrt(np.mean(np.square(v)))) for v in ([x.u95[0] for x in ok], np.sqrt(square)))

@@ -1,4 +1,4 @@
-"""The noise of a camera that sees a board: small in the image, larger in depth and in turns out of the image.
+"""The noise of a camera that sees a board: small in the image, larger in depth and in rotations that tilt the board.
 
 The camera looks along the z axis of the measuring frame.
 """
@@ -16,7 +16,7 @@ class Camera(Noise):
 
     SETTINGS = (
         Setting("sigma_depth", "length", 100e-6, 0.0, 0.1, about="1σ in depth"),
-        Setting("sigma_out", "angle", 200e-6, 0.0, 0.2, about="1σ of turns out of the image"),
+        Setting("sigma_out", "angle", 200e-6, 0.0, 0.2, about="1σ of rotations about x and y, which tilt the board"),
         Setting("state_axes", "flag", True, about="whether the file states σ by component, or only their mean"),
     )
 

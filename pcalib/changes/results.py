@@ -65,12 +65,12 @@ class ChangeSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What changed, sorted."""
+        """Names of what changed, sorted."""
         return tuple(sorted(m.name for m in self.members))
 
     @property
     def slips(self) -> bool:
-        """Whether it says that something slipped within the session."""
+        """Whether one of these changes is a slip within the session."""
         return any(m.slip is not None for m in self.members)
 
 

@@ -43,7 +43,7 @@ class Updated:
 
 
 def update(model: Model, data: Measurements, changed: Sequence[Hypothesis], same_setup: bool = False) -> Updated:
-    """Fit the parts that changed to a new session, everything else held by the model's posterior.
+    """Refit the parts that changed, on a new session; the posterior of the model is the prior of everything else.
 
     Args:
         changed: parts of the robot, or effects that the model has or lacks; an effect that it lacks is refused.

@@ -30,7 +30,7 @@ def finish(
 
     Args:
         report: HTML file to write too, of the fit after the step to the `measured` rows.
-        rivals: gives the fitted model the explanations that stand beside the step.
+        rivals: adds to the fitted model the rival explanations that fit as well as the step.
 
     Returns:
         What to expect of landings, as JSON.
@@ -61,7 +61,7 @@ def finish(
         say(f"- {line}")
     say(f"- {expected}")
     if others := known.words(fitted):
-        say(f"- These data leave standing as well: {others}. Where they would land the TCP elsewhere counts above.")
+        say(f"- These data allow as well: {others}. Where these put the TCP elsewhere, the figures above count it.")
     moved = step.moved()
     if moved:
         show_table(

@@ -105,7 +105,7 @@ def _lines(found: Acceptance) -> list[str]:
         if found.enough is not None:
             out.append(f"- About {found.enough} commands with this instrument would settle it.")
         else:
-            out.append("- More commands with this instrument do not settle it.")
+            out.append("- More commands with this instrument would not settle it.")
         if found.sigma is not None:
             out.append(f"- So would an instrument with σ {size(found.sigma)} per component and as many commands.")
     return out

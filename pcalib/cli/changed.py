@@ -120,6 +120,6 @@ def _update(old: Model, found: Changes, same_setup: bool, output: Path, source: 
     entry = modelfile.snapshot(made.model, "update", effect=names, data=source.name, rms_pos_um=made.rms_after * 1e6)
     modelfile.save(output, replace(made.model, history=(*old.history, entry)))
     say(
-        f"Fitted anew: {names}; the rest is held by the model's uncertainty. RMS on this session "
+        f"Fitted anew: {names}; everything else keeps its value within the model's uncertainty. RMS on this session "
         f"{size(made.rms_after)}, before {size(made.rms_before)}. Model written to {output}."
     )

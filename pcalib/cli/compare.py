@@ -107,7 +107,7 @@ def command(
     if residuals is not None:
         say(f"Residuals written to {residuals}.")
     if found.set_up_anew is not None:
-        say_next("changed", data, "--model", model, why="to find what changed on the robot beside that")
+        say_next("changed", data, "--model", model, why="to find what changed on the robot beside the measuring frame")
     elif hot:
         say_next("diagnose", data, "--model", model, why="to find what the model misses")
     elif telling.stale(found):

@@ -129,7 +129,7 @@ def show(found: Diagnosis, laws: Beside | None = None) -> None:
         show_table(
             ("explanation", "in words"),
             [(" + ".join(e.names), e.words()) for e in found.sets[:8]],
-            title="Explanations that the data leave standing, the best by BIC first",
+            title="Explanations that these data cannot rule out, the best by BIC first",
         )
     show_table(telling.CANDIDATES, telling.candidate_rows(found), title="Candidates")
     if left := telling.candidates_left(found):

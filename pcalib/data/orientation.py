@@ -78,17 +78,17 @@ def from_euler(sequence: str, angles: np.ndarray, source: str = "") -> np.ndarra
     """Rotations (N, 3, 3) of Euler angles (N, 3) [rad].
 
     Args:
-        sequence: three axes in the order of the turns, capitals about the moving axes, small letters about axes that
-            stand still. Where every axis occurs once the columns hold the angles about x, y and z; else they hold the
+        sequence: three axes in the order of the rotations: capitals for moving axes, small letters for fixed ones.
+            Where every axis occurs once the columns hold the angles about x, y and z; else they hold the
             first, second and third angle.
     """
     axes = sequence.lower()
     one_case = sequence in (axes, axes.upper())
     if len(axes) != 3 or set(axes) - set("xyz") or axes[0] == axes[1] or axes[1] == axes[2] or not one_case:
         raise InputError(
-            f"euler = {sequence} is no order of turns",
+            f"euler = {sequence} does not name an order of rotations",
             file=source or None,
-            remedy="write three axes: 'xyz' for turns about axes that stand still, 'ZYX' for turns about moving axes; "
+            remedy="write three axes: 'xyz' for rotations about fixed axes, 'ZYX' for rotations about moving axes; "
             "roll, pitch and yaw are either of them, with rx = roll, ry = pitch, rz = yaw",
         )
     places = ["xyz".index(c) for c in axes] if len(set(axes)) == 3 else [0, 1, 2]

@@ -328,7 +328,7 @@ def _size(made: Problem, old: _Rows, side: int, parts: bool) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Discrepancy:
-    """Δ of one rival as truth and the other in the fit, as a quadratic form that rows are added to."""
+    """Δ, the χ² left when one rival is true and the other is fitted: a quadratic form to which rows can be added."""
 
     side: int
     theta: np.ndarray

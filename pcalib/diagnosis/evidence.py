@@ -84,7 +84,7 @@ class Evidence:
     rest: str
     """What that hottest thing is."""
     rivals: tuple[str, ...]
-    """Other explanations that the data leave standing."""
+    """Other explanations that the data cannot rule out."""
     in_range: bool
     """Fitted parameters are physically possible."""
     plot: AddedVariable | None

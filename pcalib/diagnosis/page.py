@@ -108,7 +108,7 @@ def diagnosis_sections(found: Diagnosis, file: str = "model.toml") -> list[Secti
     out = [Section("What stands behind it", [Bullets(telling.details(found))])]
     if found.verdict in ("ambiguous", "established"):
         table = Table(("explanation", "in words"), [(" + ".join(e.names), e.words()) for e in found.sets[:10]])
-        out.append(Section("Explanations that the data leave standing", [table]))
+        out.append(Section("Explanations that the data cannot rule out", [table]))
     rows = telling.candidate_rows(found, None, 10_000)
     ranked = Table(telling.CANDIDATES, rows, "<>>>", folded="All candidates")
     out.append(

@@ -1,7 +1,7 @@
-"""Heavy tails of the noise: whether residuals have them, and how they are met.
+"""Heavy tails of the noise: whether residuals have them, and how residuals are clipped then.
 
-Residuals beyond 1.5 robust σ are clipped as robust regression does it (Huber's pseudo-values); normal noise then stands
-for what is left, which it does not for single wild readings.
+Residuals beyond 1.5 robust σ are clipped as robust regression does it (Huber's pseudo-values); what is left is then
+tested as normal noise would be, which single wild readings do not allow.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MIXED = 0.1
 
 @dataclass(frozen=True)
 class Tails:
-    """How heavy tails are met: residuals are clipped, and what is left has a standard deviation of 1."""
+    """Residuals of heavy tails are clipped and scaled, so that they have a standard deviation of 1."""
 
     widened: float
     """Variance of the χ² of readings that are not clipped, over that of normal noise."""
@@ -37,7 +37,7 @@ class Tails:
     """(2,) factor by which clipped positions and rotations are multiplied."""
 
     def clipped(self, z: np.ndarray, classes: np.ndarray) -> np.ndarray:
-        """Residuals z (M,) of classes (M,) 0 and 1, so that normal noise stands for theirs."""
+        """Residuals z (M,) of classes (M,) 0 and 1, clipped and scaled, so that tests for normal noise hold."""
         most = self.most[classes]
         return np.clip(z, -most, most) * self.size[classes]
 

@@ -223,8 +223,8 @@ def _round(found: Diagnosis) -> list[str]:
         return []
     now = rounds.share(found.round) * SEARCH
     return [
-        f"Round {found.round} of measuring and asking again: something counts as found where noise alone gives it in "
-        f"{figure(now * 100, 2)} % of cases, instead of {SEARCH:.0%} in round 1. So many rounds together raise few "
+        f"Round {found.round} of measuring and diagnosing again: the limit of p for a finding is now "
+        f"{figure(now * 100, 2)} %, instead of {SEARCH:.0%} in round 1, so that all rounds together raise few "
         "false alarms."
     ]
 

@@ -168,7 +168,7 @@ def _comment(text: str) -> str:
 
 
 def self_test(rods: Rods, at: Vectors) -> str:
-    """A program that compares the code with the answers of this program; exit 0 where they agree."""
+    """A program that compares the code with the answers of `pcalib`; exit 0 where they agree."""
     columns = [at.conditions.columns[f"temp_{part}"] for part in ("rods", "arms", "base")]
     n = len(at.q)
     rows = np.column_stack([

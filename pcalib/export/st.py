@@ -53,7 +53,7 @@ def code(rods: Rods) -> str:
 
 
 def self_test(rods: Rods, model: Model) -> str:
-    """A program whose variable `passed` becomes true where the block agrees with the answers of this program."""
+    """A program whose variable `passed` becomes true where the block agrees with the answers of `pcalib`."""
     at, n = vectors(model, TESTED), TESTED
     temp = np.column_stack([at.conditions.columns[f"temp_{part}"] for part in ("rods", "arms", "base")])
     status = np.array([("ok", "not_converged", "wrong_branch").index(s) for s in at.solved.status])

@@ -1,8 +1,7 @@
 """Cross-validation: every pose predicted by a fit that never saw it.
 
-Rows are dealt out in turn over the folds, those of one command or one `pose_id` together. What is left in the end is
-the error at held-out poses, also as apparent rod-length errors, which say where along the rods model and measurement
-disagree.
+Rows go to the folds in turn, those of one command or one `pose_id` to the same fold. The result is the error at
+held-out poses, also as apparent rod-length errors, which say at which rods model and measurement disagree.
 """
 
 from __future__ import annotations

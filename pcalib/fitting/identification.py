@@ -291,7 +291,7 @@ def _posterior(
     half: np.ndarray,
     model: Model,
 ) -> Posterior:
-    """The posterior that `model` keeps: what is known of its unknowns, and what the fit left over."""
+    """The posterior that `model` keeps: the covariance of its unknowns, and the misfit beyond the noise."""
     known = _left_over(task, fitted, R, data, noise, repeated, supported, half)
     free, unknowns = len(task.unknowns.keep), task.unknowns
     rows = np.r_[np.flatnonzero(unknowns.keep), free + np.arange(unknowns.n_effects)]
@@ -312,7 +312,7 @@ def _left_over(
     supported: Scale,
     half: np.ndarray,
 ) -> Doubt:
-    """What the fit left over, of the fitted rows; `half` holds the covariance without that."""
+    """The misfit of the fitted rows beyond the noise; `half` is a root of the covariance that ignores it."""
     if not repeated.sigma_q:
         plain = np.zeros((len(task.unknowns.names), len(task.chosen)))
         plain[task.chosen] = least_squares.root(R) * task.unknowns.scale[task.chosen][:, None]

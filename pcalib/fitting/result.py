@@ -52,7 +52,7 @@ class Code(Enum):
 
 @dataclass(frozen=True)
 class Caution:
-    """A warning."""
+    """A warning of a fit: a code that programs compare, and a text for people."""
 
     code: Code
     text: str
@@ -90,7 +90,7 @@ class Accuracy:
 
 
 def accuracy(error: np.ndarray, noise: Noise, parameters: float) -> Accuracy:
-    """RMS and maximum of residuals (N, 6) [m, rad], and χ² per degree of freedom of those that `noise` is of."""
+    """RMS and maximum of residuals (N, 6) [m, rad], and χ² per degree of freedom of those that `noise` covers."""
     some = ~np.isnan(error[:, :3]).all(axis=1)
     length2 = np.nansum(error[some, :3] ** 2, axis=1)
     turned = ~np.isnan(error[:, 3:]).all(axis=1)

@@ -66,7 +66,7 @@ def read(path: Path) -> Recording:
     found[~seen] = np.nan
     others = sorted({n for n, t in zip(names or [], types, strict=False) if t == "Rigid Body"} - {name})
     notes = (f"rigid body '{name}' is read, {', '.join(others)} not",) if others else ()
-    notes += (f"{int((~seen).sum())} frames in which it was lost are left out",) if not seen.all() else ()
+    notes += (f"{int((~seen).sum())} frames in which the body was lost are left out",) if not seen.all() else ()
     keep = np.flatnonzero(seen)
     if not len(keep):
         raise nothing_read(path, "a frame in which the body was seen")

@@ -39,9 +39,9 @@ class Pairs:
     """Which reading belongs to which command."""
 
     reading: np.ndarray
-    """(P,) int, indices, and"""
+    """(P,) int, index of the reading of each pair."""
     command: np.ndarray
-    """(P,) int."""
+    """(P,) int, index of its command."""
     n_readings: int
     n_commands: int
 
@@ -77,10 +77,10 @@ def by_time(readings: np.ndarray, commands: np.ndarray) -> Pairs:
 
 
 def by_order(readings: np.ndarray, commands: np.ndarray) -> Pairs:
-    """Readings (N, 3) and points of commands (M, 3) [m] in one order, of which some may lack on either side.
+    """Pair readings (N, 3) and points of commands (M, 3) [m] of the same order; on either side some may be missing.
 
     Raises:
-        InputError: too few agree to say how the instrument stands.
+        InputError: too few agree to determine the pose of the instrument.
     """
     total = len(commands)
     first = np.flatnonzero(np.r_[True, np.linalg.norm(np.diff(commands, axis=0), axis=1) > _SAME])

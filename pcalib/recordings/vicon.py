@@ -48,7 +48,7 @@ def read(path: Path) -> Recording:
     found = np.array(kept, float)
     R = rotation.exp(found[:, :3] * (np.pi / 180 if angle == "deg" else 1.0))
     lost = len(rows) - head - 2 - len(kept)
-    notes = (f"{lost} frames in which it was lost are left out",) if lost else ()
+    notes = (f"{lost} frames in which the object was lost are left out",) if lost else ()
     return Recording(LENGTHS[length] * found[:, 3:], R, np.array(lines), str(path), time=np.array(times), notes=notes)
 
 

@@ -61,7 +61,7 @@ class Distance(Sensor):
         return (place, np.zeros(1))[: len(self.blocks(to, options))]
 
     def see(self, scene: Scene, theta: Sequence[np.ndarray]) -> Seen:
-        """Derivatives are the unit vectors from the station to the point."""
+        """Distances at the poses; their derivatives by the points are the unit vectors from the station to them."""
         away = scene.x - theta[0]
         d = np.linalg.norm(away, axis=1)
         u = (away / np.maximum(d, 1e-12)[:, None])[:, None, :]

@@ -1,4 +1,4 @@
-"""Explanations that the data leave standing beside the one that a model has: which, and how much they weigh.
+"""Explanations that the data cannot rule out beside the one that a model has: which, and their weights.
 
 The weight of an explanation is exp(−ΔBIC/2) of it among all that are adequate (Kass and Raftery 1995). Each rival is
 refitted, so that the model knows where it would put the TCP.

@@ -177,7 +177,7 @@ def parameter_markdown(model: Model) -> str:
     moved = np.flatnonzero(np.abs(model.errors) > 0)
     rows = []
     if len(moved) == 0:
-        rows.append("All parameters are as drawn.")
+        rows.append("All parameters have their nominal values.")
     else:
         rows += ["| parameter | nominal | change | ± 1σ |", "|---|--:|--:|--:|"]
         for i in moved:

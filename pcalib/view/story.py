@@ -90,7 +90,7 @@ def _blueprint(ladder: Ladder, body: Skeleton, style: scene.Style, last: bool) -
     if landings:
         details.insert(0, rrb.Tabs(*landings, name="which way it misses", active_tab=ladder.worst_tool))
     if any(s.scatter is not None for s in ladder.steps):
-        details.insert(0, flat("scatter", "residual against the telling variable", panels.SCATTER_BOUNDS))
+        details.insert(0, flat("scatter", "residual against the variable it depends on most", panels.SCATTER_BOUNDS))
     if any(s.candidates for s in ladder.steps):
         details.insert(0, flat("candidates", "what is missing", panels.CANDIDATE_BOUNDS))
     text = rrb.TextDocumentView(origin="text/step", name="step")

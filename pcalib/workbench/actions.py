@@ -186,9 +186,9 @@ def done(session: Session, task: Task) -> Session:
 
 
 def with_step(session: Session, task: Task, figures: dict[str, Any], level: str = "") -> Session:
-    """The session with the step that a command makes, or with the data that it joined; else as it is.
+    """The session after a command: with the step that it made, or the data that it joined; unchanged after any other.
 
-    A fit begins the history anew. An effect that is added to a step before the last has the number of that step in its
+    A fit starts a new history. An effect that is added to a step before the last has the number of that step in its
     title.
     """
     if task.action == "join":

@@ -36,7 +36,7 @@ _STILL, _RATE = 0.5, 20.0
 
 
 def make(folder: Path, delta: Robot) -> None:
-    """Write them into a folder that has robot.toml."""
+    """Write files of all instruments and recordings into a folder that holds robot.toml."""
     truth = truths.parse(SENSED.replace("robot.toml", str(folder / "robot.toml")))
     tools = [np.zeros(3), np.array([0.0, 0.0, -0.15])]
     sensed = simulate.run(truth, plans.make(truth.robot, "random", 45, check=6, tools=tools, seed=4), 4).measurements

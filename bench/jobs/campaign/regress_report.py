@@ -79,7 +79,7 @@ def as_json(title: str, changes: Sequence[FigureChange]) -> dict[str, Any]:
 
 
 def told(kind: str, value: float | None) -> str:
-    """A figure as people write it."""
+    """The value of a figure of this kind as text with its unit; a dash where there is none."""
     if value is None or value != value:
         return "–"
     if kind == "error":

@@ -129,7 +129,7 @@ def parse(source: str) -> Spec:
 
 
 def _check(spec: Spec) -> None:
-    """Read the cells, so that nothing is found out hours later; the key that is to blame is named."""
+    """Read the settings of cells now, so that a wrong one does not stop a campaign hours later; errors name the key."""
     first = spec.point(0)
     tried = [("", first, first)]
     for number, axis in enumerate(spec.axes, 1):

@@ -140,7 +140,7 @@ def landings(spec: Spec, number: int) -> dict[str, Landing]:
 
 
 def steps(spec: Spec, number: int) -> dict[str, Callable[[], object]]:
-    """The steps of a trial, each to be called as often as one likes: measuring, each method, verifying."""
+    """The steps of a trial as functions that may be called repeatedly: measuring, each method, verifying."""
     specimen = measured(spec, number)
     calibrated = {m.name: commanded(specimen, m) for m in specimen.stand.cell.methods}
     out: dict[str, Callable[[], object]] = {"measuring": lambda: measured(spec, number)}

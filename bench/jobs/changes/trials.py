@@ -100,7 +100,7 @@ def answer(found: Changes) -> dict[str, Any]:
 
 
 def name_of(name: str) -> str:
-    """A part's name, without the row of a slip."""
+    """The name of a part; of a slip, written 'part@row', without its row."""
     return name.partition("@")[0]
 
 

@@ -55,7 +55,7 @@ class Design:
 
     @property
     def tools(self) -> list[np.ndarray]:
-        """The measured points as plans take them."""
+        """The tool of each measured point, (3,) [m], in the form that plans take."""
         return [np.array(point) for point in self.points]
 
     def instrument(self, noisy: bool = True) -> Instrument:

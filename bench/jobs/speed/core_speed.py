@@ -1,4 +1,4 @@
-"""What calibration costs, beside its bounds and beside MuJoCo's own toolbox: the command of scripts/benchmark."""
+"""Time and memory of calibration, against their bounds and against MuJoCo's own toolbox: runs as scripts/benchmark."""
 
 from __future__ import annotations
 

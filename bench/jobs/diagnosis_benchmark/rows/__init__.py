@@ -202,14 +202,14 @@ def tasks(wanted: Sequence[str], most: int | None = None, robot: str = "") -> li
 
 
 def lines(outcomes: Sequence[Outcome]) -> list[Line]:
-    """Return rates against bounds, of the rows that were asked."""
+    """Return the rates of the rows that were run, against their bounds."""
     asked = dict.fromkeys(o.task.row for o in outcomes)
     found = (get(name).lines([o for o in outcomes if o.task.row == name]) for name in asked)
     return [line for some in found for line in some if line.n]
 
 
 def run(task: Task, seed: int) -> list[Outcome]:
-    """Make the sets of a task and judge what is said of them."""
+    """Make the data sets of a task, diagnose each, and judge the answers."""
     row, out = get(task.row), []
     for number, made in enumerate(row.sets(task, task.generator(seed))):
         begun = time.perf_counter()

@@ -30,7 +30,7 @@ def robot(name: str) -> Robot:
 
 
 def stage(design: Design, kind: str, rng: np.random.Generator) -> Stage:
-    """Return a random robot of a kind before a random plan."""
+    """Return a random robot of a kind with a random plan of measurements."""
     return Stage.draw(design, robot(kind), int(rng.integers(2**31)))
 
 
@@ -56,7 +56,7 @@ def one_fault(
 
 
 def held_out(model: Model, data: Measurements, sigma_pos: float, good: np.ndarray | None = None) -> float:
-    """Return the RMS position error of the held-out rows over the noise that there is; NaN without such rows.
+    """Return the RMS position error of the held-out rows over the true σ of the noise; NaN without such rows.
 
     Args:
         sigma_pos: [m] true 1σ per component.
@@ -70,7 +70,7 @@ def held_out(model: Model, data: Measurements, sigma_pos: float, good: np.ndarra
 
 
 def in_words(found: Diagnosis) -> str:
-    """Return the verdict and what stands in its sets, in a few words."""
+    """Return the verdict and the hypotheses in its adequate sets, in a few words."""
     sets = " | ".join("+".join(e.names) or "nothing" for e in found.sets[:3])
     cell = found.cells[0]
     hottest = f"{cell.channel} by {cell.variable}"

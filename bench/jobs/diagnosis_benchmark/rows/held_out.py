@@ -105,7 +105,7 @@ def _judge(made: Set) -> Said:
 ROW = Row(
     "held_out",
     dict.fromkeys(MAKERS, 130),
-    {"silent": Bound("{}, held-out rows > 1.5 × the noise: nothing missing", 0.0)},
+    {"silent": Bound("{}, held-out rows off by > 1.5 × the noise: verdict nothing missing", 0.0)},
     _sets,
     _judge,
 )

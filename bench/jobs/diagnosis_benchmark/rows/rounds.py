@@ -1,5 +1,5 @@
 """Measuring and diagnosing again, round after round: how often ten rounds find something where nothing is, and how many
-more rows it takes to name an effect than if every round were asked as the first is."""
+more rows it takes to name an effect than if every round had the limit of the first."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _rows_until(made: Set, parts: Sequence[Measurements], effect: str, counted: 
 def _effort(outcomes: Sequence[Outcome]) -> list[Line]:
     figures = [o.said.figures for o in outcomes if o.task.variant == "hidden"]
     rows, unspent = (int(sum(f[key] for f in figures)) for key in ("rows", "rows_unspent"))
-    words = "further rows until an effect is named, over those if every round were asked as the first"
+    words = "more rows until an effect is named, because later rounds have stricter limits than the first"
     return [Line("rounds.effort", words, 0.10, True, max(rows - unspent, 0), unspent)] if figures else []
 
 
