@@ -121,7 +121,7 @@ def with_forecast(found: list[Finding], told: Forecast | None) -> list[Finding]:
     """The findings, and what a fit to the data could not tell."""
     if told is None or not told.tilts_unseen:
         return found
-    said = f"A fit lets 95 % of landings be within {told.landings}."
+    said = f"After a fit, 95 % of landings will lie within {told.landings}."
     if any(f.code == "position_only" for f in found):
         return [replace(f, message=f"{f.message} {said}") if f.code == "position_only" else f for f in found]
     seen = Finding(
@@ -211,7 +211,7 @@ def conditions(data: Measurements) -> Iterator[Finding]:
             name = "The temperature" if "temp" in data.columns else c
             yield Finding(
                 "warning", "temperature_follows_time",
-                f"{name} is all but proportional to time: thermal growth and drift cannot be told apart; repeat "
+                f"{name} is nearly proportional to time: thermal growth and drift cannot be told apart; repeat "
                 "some poses after cooling, or in another order.",
             )  # fmt: skip
 
@@ -223,8 +223,8 @@ def noise_level(data: Measurements, noise: ReplicateScatter) -> Iterator[Finding
     if lacking:
         yield Finding(
             "warning", "sigma_not_stated",
-            f"The file does not state the instrument's σ of {' and '.join(lacking)}: what is usual is assumed, and χ² "
-            "says little.",
+            f"The file does not state the instrument's σ of {' and '.join(lacking)}: a usual value is assumed, and χ² "
+            "cannot test the fit.",
         )  # fmt: skip
     if noise.dof_pos + noise.dof_rot == 0:
         why = "No replicates (pose_id)"
@@ -314,7 +314,7 @@ def rotations(data: Measurements) -> Iterator[Finding]:
     if not vector.any():
         yield Finding(
             "warning", "rotations_zero",
-            "rx, ry and rz are 0 in every row: these are no readings, for every plate tilts a little.",
+            "rx, ry and rz are 0 in every row: these cannot be readings, as every plate tilts a little.",
             "Leave these columns out, or blank, where rotation is not measured.",
         )  # fmt: skip
         return

@@ -73,7 +73,7 @@ def inspect(data: Measurements, robot: Robot | None = None) -> Inspection:
 
 
 def _median(data: Measurements, axes: slice) -> float:
-    """Median σ of what is read; of what would be, where nothing is."""
+    """Median σ of the readings; of all σ where nothing is measured."""
     seen = data.mask[:, axes]
     return float(np.median(data.sigma[:, axes][seen] if seen.any() else data.sigma[:, axes]))
 

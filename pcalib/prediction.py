@@ -190,7 +190,7 @@ def geometry_motion(
 
 
 def response(model: Model, p: Prediction, basis: np.ndarray | None = None) -> np.ndarray:
-    """:func:`geometry_motion` where nothing else needs the closure: in C where it can be."""
+    """:func:`geometry_motion` for callers that do not need the closure: computed in C where possible."""
     mechanism = model.robot.mechanism
     found = native.motion(mechanism, model.k, p.q, p.pose, p.tool) if p.deviation.none else None
     if found is None:

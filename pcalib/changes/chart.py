@@ -90,7 +90,7 @@ def trend(visits: Sequence[Visit]) -> str:
 
 
 def _dated(panel, at: np.ndarray, labels: Sequence[str], most: int) -> None:
-    """At most so many labels along an axis of sessions."""
+    """Write at most `most` labels along an axis of sessions, evenly spaced."""
     step = max(1, -(-len(labels) // most))
     panel.set_xticks(at[::step], labels[::step], fontsize=6, rotation=30, ha="right")
     panel.tick_params(axis="y", labelsize=7)

@@ -142,7 +142,7 @@ class _Asked:
         )
 
     def before(self, g: int) -> np.ndarray | None:
-        """Parameters of an effect that the model has; None of all else."""
+        """Parameters of an effect that the model has; None for all other hypotheses."""
         name, effects = self.candidates[g].name, self.session.model.effects
         return next((f.theta for f in effects if self.candidates[g].effect is not None and f.effect.name == name), None)
 
@@ -181,7 +181,7 @@ def hypotheses(model: Model) -> list[Hypothesis]:
 
 
 def _simplest(candidate: Candidate) -> bool:
-    """Whether this is the first variant of its effect: parts are many, and variants would make them more."""
+    """Whether this is the first variant of its effect: others are not tried, because every trial costs power."""
     return candidate.spec == candidate.name or candidate.search.trials > 1
 
 
@@ -300,7 +300,7 @@ def _within(small: ChangeSet, large: ChangeSet) -> bool:
 
 
 def _refined(asked: _Asked, chosen: Sequence[int], same_setup: bool, level: float) -> ChangeSet | None:
-    """Large changes at their own size, one or several parts at once: an explanation if they are adequate there."""
+    """Large changes of one or several parts, linearised at their fitted size; None where not adequate there."""
     parts, start = [asked.candidates[g] for g in chosen], asked.session.model
     if any(c.hypothesis.basis is None for c in parts) or any(asked.slips[g] is not None for g in chosen):
         return None

@@ -49,7 +49,7 @@ class LinearisedSession:
 
     @property
     def left(self) -> Remaining:
-        """What the fit of the model left over."""
+        """Noise and misfit that the fit of the model found beyond the stated σ."""
         assert self.model.posterior is not None
         return self.model.posterior.left
 
@@ -89,7 +89,7 @@ def independent(model: Model) -> Posterior:
     """
     if model.sigma is None or not np.isfinite(model.sigma).any():
         raise InputError(
-            "the model keeps no uncertainty of its fit, so that a change cannot be told from what was never known",
+            "the model keeps no uncertainty of its fit, so that a change cannot be told from an error of its fit",
             remedy="fit it again from the data of its session: pcalib fit DATA.csv --robot R.toml -o MODEL.toml",
         )
     level = model.robot.mechanism.levels[model.level]
@@ -135,8 +135,8 @@ def known(point: Point) -> np.ndarray:
 
 
 def noise_of(data: Measurements, point: Point) -> Noise:
-    """The noise of a new session: what its file states, as the fit of the model found it to be, with what the joints
-    and the misfit of the model add."""
+    """The noise of a new session: σ of its file, times the ratio that the fit of the model found, with the noise of
+    joints that the fit found."""
     assert point.model.posterior is not None
     left = point.model.posterior.left
     noise = Noise.of(data).scaled(left.ratio)

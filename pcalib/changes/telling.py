@@ -21,7 +21,7 @@ TABLE = ("part", "change", "noise units", "p")
 
 
 def sentence(found: Changes) -> str:
-    """The answer, first things first."""
+    """The verdict in one sentence: whether something changed, what, and by how much."""
     if found.verdict is Verdict.NOTHING:
         return (
             "Nothing changed: the model predicts this session within the noise and its own uncertainty "
@@ -90,7 +90,7 @@ def _value(value: float, unit: str, sign: str = "") -> str:
 
 
 def lines(found: Changes) -> list[str]:
-    """What stands behind the answer: alternatives, the measuring frame, what would have been seen."""
+    """Details of the verdict, one sentence each: the measuring frame, the misfit, the smallest change that is found."""
     out = [f"Or {in_words(e)}." for e in found.sets[1:SHOWN]]
     if len(found.frame):
         shift, turn = float(np.linalg.norm(found.frame[:3])), float(np.linalg.norm(found.frame[3:6]))
@@ -99,7 +99,7 @@ def lines(found: Changes) -> list[str]:
     if (misfit := found.session.left.misfit) > 1:
         out.append(
             f"Rows of its own session that the model was not fitted to lie {np.sqrt(misfit):.2g} times the noise off; "
-            "what is as small as that is not called a change."
+            "a difference as small as that does not count as a change."
         )
     seen = smallest(found)
     if seen:
@@ -108,7 +108,7 @@ def lines(found: Changes) -> list[str]:
 
 
 def smallest(found: Changes) -> list[tuple[str, str]]:
-    """Median over the parts of one kind of the smallest change that would have been seen, by what it is of."""
+    """Kind of part, and the smallest change that would have been seen: the median over the parts of this kind."""
     groups: dict[str, list[tuple[float, str]]] = {}
     for f in found.findings:
         h = f.candidate.hypothesis

@@ -67,7 +67,7 @@ def _leave_stdout() -> None:
 
 
 def _unforeseen(error: Exception, argv: Sequence[str]) -> int:
-    """Write what is needed to mend a fault of the program to a file, and name the file."""
+    """Write what developers need to correct an error of the program to a file, and name the file."""
     import platform
     import traceback
 

@@ -149,7 +149,7 @@ def _rate(unit: str) -> Any:
 
 
 def _width() -> int:
-    """Columns of the terminal; a pipe or file gets whole lines, wrapped to no width that nobody has."""
+    """Width of the terminal in columns; 1000 for a pipe or file, so that lines stay whole."""
     return max(NARROWEST, shutil.get_terminal_size().columns) if sys.stdout.isatty() else 1000
 
 

@@ -87,7 +87,7 @@ def show(found: Separation, output: Path) -> None:
 
 
 def _hardest(found: Separation, i: int) -> tuple[str, str]:
-    """The effect that leaves least of effect i, and what it leaves."""
+    """Noise units of effect i that remain beside the effect most like it, and the name of that effect."""
     others = np.where(np.arange(len(found.names)) == i, np.inf, found.matrix[i])
     j = int(np.argmin(others))
     return ("alias" if found.alias[i, j] else f"{others[j]:.1f}"), found.names[j]

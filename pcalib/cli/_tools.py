@@ -32,7 +32,7 @@ def tool_options(texts: Sequence[str], robot: Robot | None = None) -> list[np.nd
 
 
 def require_tool(robot: Robot, tool: np.ndarray, said: str) -> None:
-    """Refuse a tool (3,) [m] that nobody can mean.
+    """Refuse a tool (3,) [m] that is too long to be meant.
 
     Raises:
         InputError: it is several times longer than the robot is large.

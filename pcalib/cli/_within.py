@@ -15,7 +15,7 @@ from pcalib.wording import angle, size
 def run(
     robot: Robot, within: float, tools: np.ndarray, sigma: np.ndarray, level: str, seed: int
 ) -> tuple[int | None, dict[str, Any]]:
-    """Say how many poses reach it with the longest of the tools; that number, None where there is none, and JSON.
+    """Print how many poses reach the accuracy with the longest tool; return their number, None if none does, and JSON.
 
     Args:
         within: [m] radius that is to contain 95 % of the landings.

@@ -56,7 +56,7 @@ def command(
         require_tool(calibrated.robot, tool, "--tool")
     if not measured.check.any() and calibrated.history and calibrated.history[-1].get("data") == data.name:
         raise InputError(
-            f"the model was fitted to {data.name}, of which no row is held out: a fit's own rows accept anything",
+            f"the model was fitted to {data.name}, of which no row is held out: the rows of a fit cannot test it",
             file=data, remedy="give new measurements, or hold rows out of the fit (set = check)",
         )
     found = acceptance.accept(calibrated, measured, float(within[0]), tool, risk)
@@ -72,7 +72,7 @@ def _radius(found: Acceptance) -> str:
 
     if found.estimate == 0:
         high = size(found.high)
-        return f"No miss stands out of the instrument's noise; 95 % of landings lie within {high} in any case"
+        return f"The misses are no larger than the instrument's noise; 95 % of landings lie within {high}"
     limits = f"{size(found.low)} to {size(found.high)}"
     return f"The radius that contains 95 % of landings is {size(found.estimate)}, between its limits {limits}"
 
@@ -98,7 +98,7 @@ def _lines(found: Acceptance) -> list[str]:
     if found.turned:
         out.append("- No row was measured with this tool: its misses follow from the measured rotations.")
     if not found.unfitted:
-        out.append("- No row is held out (set = check): that the model was not fitted to these rows is taken on trust.")
+        out.append("- No row is held out (set = check): the test assumes that the model was not fitted to them.")
     if found.registered:
         out.append("- The tracker was set up anew: its frame is found from these rows, as a cell's frame is taught.")
     if found.decision is Decision.CANNOT_TELL:

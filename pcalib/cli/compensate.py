@@ -84,8 +84,8 @@ def command(
     say(f"{ok} of {len(wanted)} targets have a command{others}. Written to {output}.")
     if wanted.payload.any() and not calibrated.effects:
         say(
-            f"- The targets carry up to {wanted.payload.max():g} kg, and the model has no effect of loads: what they "
-            "bend is not made good. 'pcalib diagnose' on measurements with payloads finds it."
+            f"- The targets carry up to {wanted.payload.max():g} kg, and the model has no effect of loads: the "
+            "deflection by them is not compensated. 'pcalib diagnose' on measurements with payloads finds it."
         )
     content: dict[str, Any] = {
         "schema": "pcalib.compensate/1", "method": method, "targets": len(wanted), "status": tally,

@@ -112,7 +112,7 @@ def _widened(plausible: tuple[str, ...]) -> dict[str, float]:
 
 
 def show(found: Diagnosis, laws: Beside | None = None) -> None:
-    """Print a diagnosis: the verdict, the law that explains what no effect does, and what stands behind them."""
+    """Print a diagnosis: the verdict, a law where no effect explains the data, and the details of both."""
     from pcalib.diagnosis import telling
 
     say(telling.sentence(found))
@@ -121,7 +121,7 @@ def show(found: Diagnosis, laws: Beside | None = None) -> None:
     print()
     for law in laws.rivals if laws is not None else ():
         much = "better" if laws is not None and laws.better else "as well"
-        say(f"- A law that is no listed effect does {much}: {law}. 'pcalib propose' writes it; measure what differs.")
+        say(f"- A law outside the library fits {much}: {law}. 'pcalib propose' writes it; measure what differs.")
     for line in telling.details(found):
         say(f"- {line}")
     print()

@@ -377,7 +377,7 @@ def _with_readings(
 
 
 def _called(part: SensorReadings, pose_id: np.ndarray) -> np.ndarray:
-    """(n,) to what each reading is measured; of distances between poses the id of the other one."""
+    """(n,) the station or surface of each reading; for distances between poses, the id of the other pose."""
     return part.to if part.origin is None else np.array([str(i) for i in pose_id[part.origin]], object)
 
 

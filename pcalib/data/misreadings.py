@@ -209,7 +209,7 @@ def commands(code: str, words: str, edit: str, mend: Callable, spoil: Callable) 
 
 
 def positions(code: str, words: str, edit: str, M: np.ndarray) -> Misreading:
-    """Positions that a matrix mends; what is blank moves with its column."""
+    """The misreading of positions that the signed permutation M of axes corrects; blanks move with their column."""
 
     def change(M: np.ndarray) -> Rewrite:
         source = np.abs(M).argmax(axis=1)  # each row of M has one entry

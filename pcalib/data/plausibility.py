@@ -21,7 +21,7 @@ cylinder, but not by this much."""
 
 
 def joints(columns: Columns, robot: Robot, q: np.ndarray) -> None:
-    """Actuator values (N, nq) within the joint range, with 5° or 5 % to spare."""
+    """Refuse actuator values (N, nq) more than 5° or 5 % outside the joint range."""
     low, high = robot.joint_range
     angle = robot.mechanism.actuator_dimension == "angle"
     slack = _ANGLE_SLACK if angle else _LENGTH_SLACK * (high - low)
@@ -80,7 +80,7 @@ def _reversed(q: np.ndarray, outside: np.ndarray, low: float, high: float) -> li
 
 
 def tools(columns: Columns, robot: Robot, tool: np.ndarray) -> None:
-    """Tool vectors (N, 3) no longer than a few times the robot."""
+    """Refuse tool vectors (N, 3) that are several times longer than the robot is large."""
     size, long = _size(robot), too_long(robot, tool)
     if long.any():
         row = int(np.argmax(long))
@@ -97,7 +97,7 @@ def too_long(robot: Robot, tool: np.ndarray) -> np.ndarray:
 
 
 def positions(columns: Columns, robot: Robot, point: np.ndarray) -> None:
-    """Plate positions (N, 3) in the base frame, NaN where unknown, not far off the workspace."""
+    """Refuse plate positions (N, 3) in the base frame, NaN where unknown, that are far outside the workspace."""
     far = _excess(robot, point) > _slack(robot)
     if far.any() or _too_small(robot, point):
         advice = "; positions of a tracker that is not aligned with the base need '# frame = tracker'"
@@ -105,7 +105,7 @@ def positions(columns: Columns, robot: Robot, point: np.ndarray) -> None:
 
 
 def targets(columns: Columns, robot: Robot, point: np.ndarray) -> None:
-    """Wanted plate positions (N, 3): one out of reach is reported as such later, all of them are a wrong unit."""
+    """Refuse wanted plate positions (N, 3) that are all far outside: a wrong unit. A single one is reported later."""
     if (_excess(robot, point) > _slack(robot)).all() or _too_small(robot, point):
         raise _far_off(columns, robot, point, 0)
 

@@ -90,7 +90,7 @@ def complete(
 
 
 def beside(sigma: np.ndarray, instrument: Instrument | None, *pose: np.ndarray) -> np.ndarray:
-    """(N, 6) what σ holds beside the instrument's noise at a pose (position, rotation, tool)."""
+    """(N, 6) the part of σ that the instrument's noise at a pose (position, rotation, tool) does not contain."""
     if instrument is None:
         return sigma
     own = np.diagonal(instrument.covariance(*pose), axis1=1, axis2=2)

@@ -15,7 +15,7 @@ from pcalib.effects.base import Effect
 from pcalib.effects.gear_ripple import GearRipple
 from pcalib.errors import EffectError
 
-ALONE = "add a compliance first: it is seen only through one"
+ALONE = "add a compliance first: it shows only through one"
 """Why an effect that acts through others (a robot that hangs crooked) moves nothing while nothing in the model gives
 way."""
 IDLE = "under these conditions it moves nothing"
@@ -40,7 +40,7 @@ class Candidate:
 
     @classmethod
     def of(cls, hypothesis: Hypothesis, point: Point) -> Candidate:
-        """A hypothesis at a point."""
+        """The candidate of a hypothesis: its derivatives at the poses of a point."""
         scale = hypothesis.scale(point.model)
         low, high = np.full(len(scale), -np.inf), np.full(len(scale), np.inf)
         if hypothesis.effect is not None:

@@ -258,7 +258,7 @@ def _doubted(
 def _unconfirmed(
     best: Explanation, after: Model | None, made: Problem, held: HeldOut, data: Measurements
 ) -> tuple[str, ...]:
-    """Members of an explanation that held-out rows do not ask for beside the others: `add` would say to drop them.
+    """Members of an explanation that held-out rows do not confirm beside the others: `add` would advise to drop them.
 
     Args:
         after: the model refitted with all members.
@@ -273,7 +273,7 @@ def _unconfirmed(
 
 
 def _slow_and_small(best: Explanation, made: Problem, screen: Screen) -> bool:
-    """Whether an explanation only follows time or temperatures, and slow noise could have its size unseen."""
+    """Whether an explanation only follows time or temperatures, and slow noise of that size would not be noticed."""
     slow = [any(need.startswith(("time", "temp")) for need in h.needs) for h in best.members]
     if not all(slow) or not memories.close(made.data):
         return False

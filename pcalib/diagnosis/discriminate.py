@@ -150,7 +150,7 @@ def next_rows(
     if held(rivals):
         if model.posterior is None:
             raise InputError(
-                "the model keeps no uncertainty of its fit, which a plan for parts counts with",
+                "the model keeps no uncertainty of its fit, which a plan for parts needs",
                 remedy="fit it again from the data of its session: pcalib fit DATA.csv --robot R.toml -o MODEL.toml",
             )
         if data.frame == "tracker":  # the tracker was set up anew for the session

@@ -69,7 +69,7 @@ class ByVariable:
 
 @dataclass(frozen=True)
 class Evidence:
-    """One candidate under cross-examination."""
+    """What the data say for and against one candidate."""
 
     candidate: Candidate
     finding: Finding
@@ -174,7 +174,7 @@ def _added_variable(screen: Screen, g: int, finding: Finding) -> AddedVariable |
 
 
 def by_variable_of(found: Diagnosis, data: Measurements) -> ByVariable | None:
-    """The telling plot of a diagnosis' best explanation, of its hottest effect in drives or rods."""
+    """Component-plus-residual plot of the most significant effect in drives or rods, the best explanation first."""
     inside = {spec for e in found.sets[:1] for spec in e.specs}
     ranked = sorted(found.findings, key=lambda f: (f.candidate.spec not in inside, f.p, -f.s))
     for finding in ranked[:3]:

@@ -101,10 +101,10 @@ def explanations(
 def _levels_as_good(
     worlds: Sequence[World], found: Mapping[tuple[str, ...], Explanation], level: float
 ) -> dict[tuple[str, ...], Explanation]:
-    """Geometry levels that explain the data far more simply than what was found, up to a noise that is as stated.
+    """Geometry levels with far fewer parameters than what was found, which fit if σ is somewhat larger than stated.
 
-    Where no replicates show the noise, σ is known to a quarter. A level with many more parameters then takes up what
-    the noise is larger than stated, and would hide the simple one that is right but for that.
+    Where no replicates show the noise, σ is known to a quarter. If the noise is larger than
+    stated, a level with many more parameters absorbs the excess and would hide the simple level that is right.
     """
     best = min((e.bic for e in found.values()), default=-np.inf)
     out = {}
@@ -150,7 +150,7 @@ def _events(world: World, level: float) -> list[_Event]:
 
 
 def nearly_all(world: World, data: Measurements, held: HeldOut | None) -> Nearly | None:
-    """The effects that take up nearly everything; None where they leave more, or where the rows are at fault."""
+    """The effects that take up nearly everything; None where they leave more, or with too many outliers."""
     made, screen = world.problem, world.screen
     if made.outliers.too_many:
         return None

@@ -80,7 +80,7 @@ class Change:
 
     @property
     def p(self) -> float:
-        """Probability that a wrong explanation is asked for as much."""
+        """Probability that held-out rows confirm a wrong explanation as clearly by chance."""
         from scipy.special import ndtr
 
         return float(ndtr(-self.t))
@@ -106,7 +106,7 @@ class HeldOut:
 
     @classmethod
     def of(cls, made: Problem, data: Measurements) -> HeldOut | None:
-        """Those of a data set; None where it has none."""
+        """The held-out rows of a data set; None where it has none."""
         rows = np.flatnonzero(data.check)
         if not len(rows):
             return None

@@ -88,8 +88,8 @@ def _with(basis: np.ndarray, readings: np.ndarray) -> np.ndarray:
 
 
 def _left(y: np.ndarray, Q: np.ndarray, row: np.ndarray, n_rows: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Of every row its square sum T (N,) outside Q as if it had not been fitted, its degrees of freedom d (N,), and the
-    scale that makes half of all rows look like noise."""
+    """By row: the square sum T (N,) outside Q as if the row had not been fitted, and its degrees of freedom d (N,); and
+    the scale of the noise for which half of all rows look like noise."""
     from scipy.special import chdtri
 
     rest = y - Q @ (Q.T @ y)

@@ -117,7 +117,7 @@ def diagnosis_sections(found: Diagnosis, file: str = "model.toml") -> list[Secti
             [
                 Figure(
                     figures.ranking(found),
-                    "Visible size of candidates, each on its own. Orange: it stands in an explanation that is left.",
+                    "Visible size of candidates, each on its own. Orange: it stands in an explanation that fits.",
                     "Bars of candidates by their visible size in noise units",
                 ),
                 ranked,

@@ -172,7 +172,7 @@ def patterns(point: Point, budget: int, total: int, seen: np.ndarray | None = No
 
 
 def ripple(point: Point, cycles: int, search: Search) -> Pattern:
-    """Motor angles that err in waves of some cycles per turn, the best that was found: what no polynomial holds."""
+    """Motor angles that err in waves of some cycles per turn, the best that was found: no polynomial describes them."""
     q = point.situation.q
     waves = [np.stack([np.sin(cycles * angle), np.cos(cycles * angle)], axis=-1) for angle in q.T]
     columns = _each(point.response().actuator, lambda i: waves[i])

@@ -37,7 +37,7 @@ SHORTEST = 0.01
 
 @dataclass(frozen=True)
 class Reading:
-    """From readings [m, rad] to units of the noise: first of the stated noise, then of the one that was found."""
+    """Scaling of readings [m, rad] to noise units: first by the stated noise, then by the noise that was found."""
 
     stated: Noise
     whitener: np.ndarray
@@ -383,8 +383,8 @@ def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
 
 
 def _luck(made: Problem) -> float:
-    """Square sum, noise units, that searches take of pure noise beyond their columns: the largest of the ripples, which
-    share their waves, and of every other search its own."""
+    """χ² by which searches reduce pure noise beyond what their columns would: the largest of all ripple searches, which
+    share their waves, plus that of every other search."""
     ripples = [c.search.luck for c in made.candidates] + [p.search.luck for p in made.patterns if p.found is None]
     return max(ripples, default=0.0) + sum(p.search.luck for p in made.patterns if p.found is not None)
 

@@ -79,7 +79,7 @@ def scatter(made: Problem, error: np.ndarray, channel: str, variable: str) -> Sc
 
 def apparent(made: Problem, error: np.ndarray, channel: str) -> tuple[np.ndarray, np.ndarray] | None:
     """What each actuator or rod would have to be off by to explain a row's residuals, (n, places) [rad or m], and (N,)
-    which rows say so: those with as many readings as places. None where no row has.
+    which rows determine it: those with as many readings as places. None where no row does.
 
     Args:
         error: (N, 6) measured − predicted [m, rad].

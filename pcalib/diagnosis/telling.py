@@ -144,7 +144,7 @@ def _nearly(found: Diagnosis, nearly: Nearly) -> str:
     if change is not None:
         held = f" (held-out poses: from {figure(change.times_before)} to {figure(change.times_after)} times the noise)"
     much = "nearly all of it" if nearly.taken > 0.985 else f"{100 * nearly.taken:.0f} % of it"
-    said = f"Something is missing. {names} explains {much}{held}; a trace is left over."
+    said = f"Something is missing. {names} explains {much}{held}; a small part remains."
     if nearly.where is None:
         return said
     cell = found.problem.patterns[nearly.where]
@@ -169,7 +169,7 @@ def _where(found: Diagnosis) -> str:
         sliding = found.problem.model.robot.mechanism.actuator_dimension == "length"
         errors = small(found.noise.repeatable, "m" if sliding else "rad")
         repeats = (
-            f"It repeats as errors of the {spoken('actuator', sliding)} of {errors} do, those of a coarse encoder. "
+            f"It repeats like errors of the {spoken('actuator', sliding)} of {errors}, e.g. of a coarse encoder. "
         )
     if not hot:
         return f"{repeats}It follows none of the recorded variables."
@@ -333,7 +333,7 @@ def limit_rows(found: Diagnosis) -> list[tuple[str, str]]:
 
 
 def stale(c: Comparison) -> bool:
-    """Whether a refit would leave no more than noise of what the model leaves over."""
+    """Whether a refit would bring the residuals of the model down to the noise."""
     noisy = bool(hot_cells(c.cells)) or c.misfit.p < HOT
     return not noisy and bool(c.misfit.dof) and c.times_noise[0] > MORE * c.misfit.times_noise
 
@@ -360,7 +360,7 @@ def comparison_sentence(c: Comparison) -> str:
 
 
 def comparison_details(c: Comparison) -> list[str]:
-    """What to know beside it, one sentence each: rows set aside, what a new fit would leave, and the noise."""
+    """Details of a comparison, one sentence each: rows set aside, what a new fit would leave, and the noise."""
     out = [*looked_at(c.problem), *far_rows(c.problem)]
     left = c.misfit.times_noise
     if c.misfit.dof and not 1 / MORE < c.times_noise[0] / left < MORE:
@@ -370,7 +370,7 @@ def comparison_details(c: Comparison) -> list[str]:
 
 
 def hot_cells(cells: Sequence[Cell]) -> list[Cell]:
-    """Those that are more than noise: the hottest, and what is more than noise beside the hottest explanation too."""
+    """Significant cells: the hottest, and those that stay significant beside the hottest explanation."""
     return [c for i, c in enumerate(cells) if c.p < HOT and (i == 0 or c.p_left < HOT)]
 
 
@@ -398,7 +398,7 @@ def _apart(a: Accuracy, turned: bool) -> str:
 
 
 def step_sentence(step: Step) -> str:
-    """What a step brought."""
+    """How the residuals changed by a step, and whether held-out rows confirm it."""
     a, b = step.before, step.after
     name = step.spec
     word = "With" if step.action == "add" else "Without"
@@ -457,7 +457,7 @@ def evidence_sentence(e: Evidence) -> str:
             return f"Held-out poses ask for {e.candidate.name}. The rows to fit alone show only {said}."
         return f"Nothing speaks for {e.candidate.name}: {said}."
     if e.rest_p < HOT:
-        return f"{e.candidate.name} helps, and is not enough: something is left in {e.rest}."
+        return f"{e.candidate.name} helps, but is not enough: residuals are more than noise in {e.rest}."
     rivals = [r for r in e.rivals if r]
     if rivals:
         return f"{e.candidate.name} explains all there is, and so does {_or(rivals)}: {words}."
@@ -465,16 +465,16 @@ def evidence_sentence(e: Evidence) -> str:
 
 
 def evidence_lines(e: Evidence) -> list[str]:
-    """The facts behind it."""
+    """The figures for or against a candidate, one sentence each."""
     f = e.finding
     lines = [
         f"Visible: {100 * f.kappa:.0f} % of its signal; the geometry can take up the rest.",
         f"Size: {f.s:.1f} noise units, p {p_text(f.p)} after correcting for everything that was looked at.",
-        f"With it in place the hottest thing left is {e.rest}, p {p_text(e.rest_p)}.",
+        f"With it in the model the most significant pattern is {e.rest}, p {p_text(e.rest_p)}.",
     ]
     if f.candidate.effect is not None:
         inside = np.all((f.theta >= f.candidate.low) & (f.theta <= f.candidate.high))
-        doubt = ", by no more than noise can do" if e.in_range and not inside else ""
+        doubt = ", by no more than noise can cause" if e.in_range and not inside else ""
         lines.append(f"Its parameters are {'within' if inside else 'outside'} their physical range{doubt}.")
         for p, value, sigma in zip(f.candidate.effect.parameters, f.theta, f.sigma, strict=True):
             from pcalib import units

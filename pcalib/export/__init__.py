@@ -1,4 +1,4 @@
-"""What a calibrated robot is written as for others: controllers' code and simulators' models, one file per target.
+"""Export of a calibrated robot as code for controllers or as a model for simulators, one file per target.
 
 A file of this folder that defines ``TARGET``, a :class:`Target`, is a target of ``pcalib export --to``.
 """
@@ -14,7 +14,7 @@ from pcalib.registry import Registry
 
 @dataclass(frozen=True)
 class Target:
-    """A form in which a model is handed on."""
+    """A format to which a model can be exported."""
 
     about: str
     """What it is, in one sentence."""

@@ -77,7 +77,7 @@ class DrawingDistance:
 
     @property
     def cost(self) -> float:
-        """What a reading of the columns has to lower: −2 log of the posterior, but for a constant."""
+        """The cost by which readings of the columns are compared: −2 log of the posterior, up to a constant."""
         return self.misfit + self.prior
 
     @property
@@ -144,7 +144,7 @@ Change = Callable[[Measurements, Robot, np.ndarray], tuple[Measurements, Robot]]
 
 
 def search(data: Measurements, robot: Robot, numbers: tuple[str, ...], change: Change) -> np.ndarray | None:
-    """Numbers (n,) of file or robot that bring the data nearest to the drawing, all geometry being free beside them.
+    """Numbers (n,) of file or robot for which the data fit the drawing best, all geometry being free beside them.
 
     Args:
         numbers: 'm', 'rad' or '1': what each number counts.
@@ -183,7 +183,7 @@ def search(data: Measurements, robot: Robot, numbers: tuple[str, ...], change: C
 
 
 def start(data: Measurements, robot: Robot) -> tuple[Model, Measurements, tuple[np.ndarray, Prediction]] | None:
-    """The robot as drawn in the frame of the data, the rows that it can take, and their residuals; None: no such."""
+    """The robot as drawn in the frame of the data, the rows that it can take, and residuals; None: no such rows."""
     try:
         return _start(data, robot)
     except PcalibError:

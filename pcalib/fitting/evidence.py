@@ -157,7 +157,7 @@ def gross_errors(u: np.ndarray, scale: float) -> np.ndarray:
 
 
 def effect_room(u: np.ndarray, variance: np.ndarray, room: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """1σ of the priors of effects: an effect that the data see to be larger than usual is given room, and not shrunk.
+    """1σ of the priors of effects: widened where data show a size above the usual one, which is not shrunk then.
 
     Args:
         u: (n,) values, and `variance` (n,) of them, in natural sizes.

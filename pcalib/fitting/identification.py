@@ -136,14 +136,14 @@ def fit(
 
 
 def _options(model: Model, level: str, said: Mapping[str, Any]) -> FitOptions:
-    """What is said, and beside it how the model was fitted before."""
+    """The options of a fit: those in `said`, and for all others those with which the model was fitted before."""
     levels = model.robot.mechanism.levels
     out = replace(model.options, **said)
     kept = replace(model.options, **{name: getattr(FitOptions(), name) for name in said})
     if level in levels and (lost := [name for name in kept.named if name not in levels[level].columns]):
         raise InputError(
-            f"{', '.join(lost)}: held, bounded or with a prior at level {model.level}, which level {level} cannot do",
-            remedy=f"fit anew and say what holds there: pcalib fit --level {level} …",
+            f"{', '.join(lost)}: held, bounded or with a prior at level {model.level}, and no unknown of level {level}",
+            remedy=f"fit the data again with the options for that level: pcalib fit --level {level} …",
         )
     for value, names, what in ((out.method, METHODS, "method"), (out.loss, LOSSES, "loss")):
         if value not in names:
@@ -220,7 +220,7 @@ def _conclude(
 
 
 def _supported(task: Task, state: State, repeated: Repeated) -> tuple[Scale, np.ndarray]:
-    """By what the data scale the noise, and a factor H (n, r) of the unknowns' covariance H·Hᵀ under that noise [SI].
+    """Factor on the noise that the data support, and H (n, r) of the unknowns' covariance H·Hᵀ with that noise [SI].
 
     With C = (JᵀJ + P)⁻¹ the covariance under the noise that the fit weighed with, J of whitened readings and P of the
     priors, the estimate has covariance C·(Σ s²·JᵀJ + P)·C where the noise of each class of readings is s times larger.
@@ -291,7 +291,7 @@ def _posterior(
     half: np.ndarray,
     model: Model,
 ) -> Posterior:
-    """The posterior that `model` keeps: the covariance of its unknowns, and the misfit beyond the noise."""
+    """The posterior that `model` keeps: the covariance of its unknowns, and the noise and misfit that the fit found."""
     known = _left_over(task, fitted, R, data, noise, repeated, supported, half)
     free, unknowns = len(task.unknowns.keep), task.unknowns
     rows = np.r_[np.flatnonzero(unknowns.keep), free + np.arange(unknowns.n_effects)]
@@ -312,7 +312,7 @@ def _left_over(
     supported: Scale,
     half: np.ndarray,
 ) -> Doubt:
-    """The misfit of the fitted rows beyond the noise; `half` is a root of the covariance that ignores it."""
+    """Noise and misfit that the fitted rows show, and the covariance with them; `half` is its root without them."""
     if not repeated.sigma_q:
         plain = np.zeros((len(task.unknowns.names), len(task.chosen)))
         plain[task.chosen] = least_squares.root(R) * task.unknowns.scale[task.chosen][:, None]

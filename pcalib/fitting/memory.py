@@ -102,7 +102,7 @@ def memory(
     data: Measurements, y: np.ndarray, U: np.ndarray, Q: np.ndarray, row: np.ndarray, component: np.ndarray,
     excess: float = 0.0,
 ) -> Memory | None:  # fmt: skip
-    """The correlation of what is left over; None where it is no more than chance gives.
+    """The correlation of the residuals in time; None where it is no more than chance gives.
 
     Args:
         y: (M,) whitened residuals.

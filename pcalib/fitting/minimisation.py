@@ -74,13 +74,13 @@ class Task:
 
     @cached_property
     def effects(self) -> np.ndarray:
-        """The same of effects' parameters."""
+        """Positions in `chosen` of the effects' parameters."""
         g, e = self.unknowns.n_geometry, self.unknowns.n_effects
         return np.flatnonzero((self.chosen >= g) & (self.chosen < g + e) & np.isfinite(self.prior))
 
     @cached_property
     def rounding(self) -> float:
-        """What rounding in forward kinematics makes of χ²."""
+        """The change of χ² that rounding in forward kinematics can cause."""
         return float(np.sum((ROUNDING / self.data.sigma[self.data.mask]) ** 2))
 
     def held(self, weights: Weights) -> np.ndarray:
@@ -247,7 +247,7 @@ def relinearise(task: Task, s: State) -> State:
 
 
 def converged(task: Task, s: State, before: Weights) -> bool:
-    """Whether a state that was just linearised is a minimum: its weights are steady and there is nothing left to go."""
+    """Whether a state that was just linearised is a minimum: its weights are steady and the next step is negligible."""
     rows, room = s.weights.change(before)
     if not (rows < _STEADY_ROWS and room < _STEADY_ROOM):
         return False
@@ -273,7 +273,7 @@ def finish(task: Task, s: State) -> State:
 
 
 def _left(task: Task, s: State) -> np.ndarray:
-    """The next step as foreseen: by the slope here, and the information R from where the last one began."""
+    """Estimate of the next step (n,): from the slope here and the information R at the start of the last step."""
     slope = s.rows[:, :-1].T @ s.rows[:, -1] - s.u / task.held(s.weights) ** 2
     return task.within(least_squares.descend(s.R, slope), s.R, s.u)
 

@@ -71,7 +71,7 @@ class Judgement:
 
     @property
     def absurd(self) -> bool:
-        """Whether no calibration should be made of them without being asked for: misread, unexplained, or so far."""
+        """Whether a fit needs --far: the data are misread, or far from the drawing beyond what a fit explains."""
         named = min((size for *_, size in self.numbers), default=None)
         if named is not None:
             return named > ABSURD
@@ -136,7 +136,7 @@ def remedy(found: Judgement) -> str:
 
 
 def judge(data: Measurements, robot: Robot, *, always: bool = False) -> Judgement:
-    """Whether the data belong to the robot as they are read, and if not, what brings them home.
+    """Whether the data belong to the robot as they are read, and if not, which correction makes them agree.
 
     Args:
         always: try every other reading, even where nothing is suspicious.
@@ -174,7 +174,7 @@ def _suspicious(here: DrawingDistance | None) -> bool:
 
 
 def _readings(data: Measurements, robot: Robot, here: DrawingDistance | None) -> list[misreadings.Misreading]:
-    """Entries of the table that bring the data home, best first."""
+    """Entries of the table with which the data agree with the robot, best first."""
     found: list[tuple[float, misreadings.Misreading]] = []
     for entry in misreadings.table(data, robot):
         try:
@@ -227,7 +227,7 @@ def _counted(data: Measurements, columns: slice) -> int:
 
 
 def _home(there: DrawingDistance | None, here: DrawingDistance | None, shrunk: float = 0.0) -> bool:
-    """Whether another reading explains what this one does not."""
+    """Whether the data `there`, read another way, agree with the robot clearly better than the data `here`."""
     if there is None or not there.near:
         return False
     if here is None:

@@ -43,7 +43,7 @@ _CLASSES = ("positions", "rotations")
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """The noise that tests count with."""
+    """The noise level that tests use."""
 
     source: str
     """'replicates', 'residuals' or 'stated'."""
@@ -89,7 +89,7 @@ class NoiseLevel:
 
     @property
     def verified(self) -> bool:
-        """Whether replicates stand behind it."""
+        """Whether replicates confirm the level."""
         return self.source == "replicates" and not self.close
 
     def sentence(self, joint_unit: str = "µrad") -> str:
@@ -105,8 +105,8 @@ class NoiseLevel:
             said += f", correlated over some {figure(self.memory.rows, 1)} rows"
         if self.close:
             return (
-                f"Noise {said} per component is what no effect and no pattern explains. Replicates lie too close in "
-                "time to stand for it: repeat poses after a while."
+                f"Noise {said} per component is the scatter that no effect and no pattern explains. Replicates lie too "
+                "close in time to verify it: repeat poses after a while."
             )
         if self.source == "replicates":
             few = [
@@ -117,7 +117,7 @@ class NoiseLevel:
             return f"Noise {said} per component, from replicates{''.join(few)}."
         if self.source == "residuals":
             return (
-                f"Noise not verified by replicates: {said} per component is what no effect and no pattern explains. "
+                f"Noise not verified by replicates: {said} per component is the scatter that nothing tested explains. "
                 "Measure ten poses twice to be sure."
             )
         stated = [own for own, value in zip(self.stated, self.total, strict=True) if np.isfinite(value)]
@@ -351,7 +351,7 @@ AGREE = 0.01
 
 
 def pooled(repeated: NoiseLevel, rest: NoiseLevel | None) -> NoiseLevel:
-    """The level of replicates and of the other residuals together, where the two agree: few replicates know it badly.
+    """The level of replicates and of the other residuals together, where both agree: few replicates determine it badly.
 
     The two must share no directions, else what they share would count twice.
     """

@@ -74,7 +74,7 @@ class Scale:
             ]
             text = f"The σ of parameters follow from the {self.source.value}, which are {' and '.join(parts)}."
         if self.sigma_q:
-            text += f" Replicates show that joints repeat to {self.sigma_q * 1e6:.2g} µrad (µm); the weights hold that."
+            text += f" Replicates show that joints repeat to {self.sigma_q * 1e6:.2g} µrad (µm); the weights hold it."
         return text
 
 

@@ -60,7 +60,7 @@ class Doubt:
     """Whether commands are lengths, which a wrong number of motor steps scales."""
 
     def sentence(self) -> str:
-        """The doubt in words."""
+        """The uncertainty in words, and the reading that would reduce it."""
         if self.name == "scale":
             percent = f"±{self.sigma * 100:.2g}"
             text = (
@@ -78,7 +78,7 @@ class Doubt:
             ) + (
                 "the data do not fit the drawn value, check what was configured"
                 if asked
-                else "so small an error in the readings, or in what the model leaves out, moves it as much"
+                else "so small an error in the readings or in the model can move it as far"
             )
         if self.remedy:
             text += f"; {self.remedy} would bring it to ±{_shown(self.sigma_after, self.unit)}"

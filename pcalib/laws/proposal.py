@@ -60,12 +60,12 @@ class Family:
 
     @property
     def first(self) -> Proposal:
-        """The one that stands for the class."""
+        """The simplest explanation, which represents the class."""
         return self.members[0]
 
     @property
     def rivals(self) -> tuple[Proposal, ...]:
-        """The others."""
+        """The other explanations of the class."""
         return self.members[1:]
 
 

@@ -29,7 +29,7 @@ def in_words(found: Proposal) -> str:
 
 
 def sentence(found: Proposals) -> str:
-    """What the search says, first things first."""
+    """The result of the search in one sentence."""
     if not found.families:
         return f"No law found: the best of {found.tried:,} laws explains no more than noise would."
     best = found.families[0]

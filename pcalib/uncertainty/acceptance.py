@@ -97,7 +97,7 @@ class _Misses:
     def limits(
         self, risk: float, commands: int | None = None, noise: float | None = None
     ) -> tuple[float, float, float]:
-        """Lower limit, estimate and upper limit [m] of ρ, of these commands or of so many like them.
+        """Lower limit, estimate and upper limit [m] of ρ: for these commands, or for another number of similar ones.
 
         Args:
             noise: [m²] another N: misses and their scatter are then those that such an instrument would show.

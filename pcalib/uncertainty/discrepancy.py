@@ -218,7 +218,7 @@ def _factor(fit: Fit) -> float:
 
 
 def _half_width(model: Model) -> float:
-    """[m] RMS distance of the plate's joints from their middle: an error of one rod shifts the plate by its like, and
+    """[m] RMS distance of the plate's joints from their middle: an error of one rod shifts the plate about as much, and
     turns it by that over this length. Infinite where nothing turns the plate."""
     mechanism = model.robot.mechanism
     if not mechanism.plate_turns:

@@ -1,4 +1,4 @@
-"""How far off the TCP may be at a command: the doubt of the model carried to the TCP, component by component.
+"""How far off the TCP may be at a command: the uncertainty of the model propagated to the TCP, component by component.
 
     covariance = T·Tᵀ + rivals + unexplained        T = ∂(TCP)/∂(level coordinates, effects) · F
 
@@ -146,9 +146,9 @@ def taught(
 
 
 def beside_a_frame(model: Model, q: np.ndarray, conditions: Conditions, rivals: Sequence[Model] = ()) -> np.ndarray:
-    """(N, 3, 3) [m²] covariance of the TCP by the doubt of geometry and effects and by the rival explanations, without
-    what a rigid motion of all N landings takes away: once the frame of the cell is taught with the robot itself. The
-    model keeps a posterior."""
+    """(N, 3, 3) [m²] covariance of the TCP from the uncertainty of geometry and effects and from rival explanations,
+    without what a rigid motion of all N landings takes away, as when the frame of the cell is taught with the robot.
+    The model must have a posterior."""
     assert model.posterior is not None
     entries = model.uncertainty.rivals if model.uncertainty is not None and rivals else ()
     bare = replace(model, frame=None)

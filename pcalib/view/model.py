@@ -56,7 +56,7 @@ def predicted(
 
 
 def _expected(model: Model) -> str:
-    """What is expected at the TCP all the same: what the fit left on measured poses, those held out apart."""
+    """The error to expect at the measured point: RMS residual of the fit, and apart from it that of held-out poses."""
     last = model.history[-1] if model.history else {}
     figures = ((last, "fitted"), (last.get("check") or {}, "held-out"))
     said = [

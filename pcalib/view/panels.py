@@ -194,7 +194,7 @@ def parameter_markdown(model: Model) -> str:
 
 
 def draw_scatter(rec: rr.RecordingStream, path: str, steps: Sequence[Step]) -> None:
-    """Residuals against the telling variable of each step that has one, on the same axes in every step."""
+    """Residuals of each step against the variable that they depend on most, on the same axes in every step."""
     rr = sdk()
     shown = [s for s in steps if s.scatter is not None]
     if not shown:

@@ -48,7 +48,7 @@ class ModelStep:
 
 @dataclass(frozen=True)
 class Wanted:
-    """An action that was asked for."""
+    """An action that a click asked for and that waits or runs."""
 
     action: str
     asked: Mapping[str, str]
@@ -59,7 +59,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Session:
-    """What stands in the record."""
+    """The record of a session: its files, its steps and the actions that wait."""
 
     data: str = ""
     robot: str = ""
