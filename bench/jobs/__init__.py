@@ -1,1 +1,1 @@
-"""Jobs that put both sides together: what the virtual robot does and what pcalib makes of it."""
+"""Jobs that run the virtual robot and pcalib together: the robot measures, and pcalib calibrates from its data."""

@@ -9,7 +9,7 @@ from pcalib.iso9283 import barycentre
 
 
 def align(attained: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Attained positions (n, P, 3) after the :func:`motion` that best lays them on the wanted ones (P, 3)."""
+    """Attained positions (n, P, 3) after the rigid :func:`motion` that fits them best to the wanted ones (P, 3)."""
     R, t = motion(attained, wanted)
     return attained @ R.T + t
 

@@ -93,7 +93,7 @@ def make(
 
 
 def _require_suited(robot: Robot) -> None:
-    """Refuse a robot in which some fault of the catalogue cannot be."""
+    """Refuse a robot that cannot have every fault of the catalogue."""
     for hidden in CATALOGUE.values():
         try:
             hidden.needs(robot)

@@ -46,7 +46,7 @@ class Coverage:
 
 
 def measured(robot: Robot, situation: str, seed: int) -> tuple[Model, Measurements]:
-    """A robot with errors, and what a user has of it."""
+    """A robot with errors, and the data and model that its user has."""
     rng = np.random.default_rng([2106, seed])
     mechanism = robot.mechanism
     k = mechanism.nominal + priors(mechanism.units) * rng.standard_normal(len(mechanism.nominal))

@@ -81,7 +81,7 @@ def misread(kind: str, seed: int = 0, every: int = 1) -> Iterator[Misread]:
 
 
 def false_alarms(count: int, seed: int = 0, tried: int = 20) -> Iterator[tuple[str, str]]:
-    """Kind and words of the right files, of all kinds, in which a misreading is named all the same.
+    """Kind and message of files without a mistake, of all kinds, for which a misreading is reported.
 
     Args:
         tried: in every file whose number is a multiple of it all readings are tried, suspicious or not.

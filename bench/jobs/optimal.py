@@ -1,4 +1,4 @@
-"""D-optimal plans: the core chooses the poses, from what the instrument sees there and its noise."""
+"""D-optimal plans: pcalib chooses the poses from the instrument's readings and their noise there."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ def run(
     *,
     renew: bool = False,
 ) -> Run:
-    """Bring a study to its end, from wherever it stands.
+    """Run the trials of a study that are not on disk yet.
 
     Args:
         folder: for this study alone.
@@ -109,7 +109,7 @@ def run(
 
 
 def _require_ours(of: Study, trials: range, content: bytes) -> None:
-    """Refuse what a worker with other programs made."""
+    """Refuse results of a worker that runs other versions of programs."""
     if (pq.read_schema(pa.BufferReader(content)).metadata or {}).get(study.TRIALS) != of.mark(trials):
         raise InputError(
             "the project's code was changed while the study ran, and its processes do not agree any more",

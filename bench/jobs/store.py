@@ -232,7 +232,7 @@ def _claim(study: Study, folder: Path, renew: bool) -> None:
 
 
 def _differing(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> tuple[str, str] | None:
-    """In what two claims differ and what to do about it; None where they agree."""
+    """The difference between two claims, and what to do about it; None where they agree."""
     for what, differ, remedy in (
         ("spec", "differs", "use another folder for the changed spec, or go on with the spec as it was"),
         ("versions", "differ", "go on with the versions it was begun with, or use another folder"),

@@ -107,7 +107,7 @@ class Study(ABC):
         return pa.schema(list(self.columns()), metadata={self.key: json.dumps(about)})
 
     def mark(self, trials: range) -> bytes:
-        """What the metadata of a part must say: of which study it is, and which trials it holds."""
+        """The metadata of a part: the study that it belongs to, and the trials that it holds."""
         digest = hashlib.sha256(f"{self.SCHEMA}\n{self.source}\n{json.dumps(dict(versions()))}".encode())
         return f"{digest.hexdigest()[:32]} {trials.start}-{trials.stop - 1}".encode()
 

@@ -231,7 +231,7 @@ def _command(
 
 
 def _pulls(model: Model, errors: np.ndarray) -> list[float]:
-    """Errors of the level's coordinates along the posterior's axes, over the σ stated of them."""
+    """Errors of the level's coordinates along the posterior's axes, divided by their stated σ."""
     posterior = model.posterior
     assert posterior is not None
     level = model.robot.mechanism.levels[model.level]

@@ -72,7 +72,7 @@ def tasks(robot: Robot, tools: list[np.ndarray], path: Path | None, payload: flo
 
 
 def load(model: Path, truth: Path, effect_files: Sequence[str] = ()) -> tuple[Model, Truth]:
-    """A model and the truth it is to be judged by.
+    """The model, and the truth that it is judged against.
 
     Raises:
         InputError: files that cannot be used, or that are not of one robot.

@@ -44,7 +44,7 @@ class Check:
 
 
 def _told(metres: float) -> str:
-    """A length with one digit more than tables have, so that it can be told from its limit."""
+    """A length with one digit more than in tables, so that it can be distinguished from its limit."""
     return f"{metres * 1e3:.4g} mm" if metres >= 1e-3 else f"{metres * 1e6:.4g} µm"
 
 

@@ -160,7 +160,7 @@ def _tools(summary: Summary) -> list[str]:
 
 
 def _told(point: Mapping[str, Any], paths: Sequence[str]) -> list[str]:
-    """Swept values as people write them: 'sigma length 0.1 mm'."""
+    """Swept values as text with their units: 'sigma length 0.1 mm'."""
     out = []
     for path in paths:
         quantity, unit = units.split(path.rpartition(".")[2])

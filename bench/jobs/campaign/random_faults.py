@@ -33,7 +33,7 @@ class Drawn:
 
     @property
     def usual(self) -> float:
-        """A value that it may well give; zero only where it gives no other."""
+        """A typical value of the draw; zero only where it gives no other."""
         if self.distribution == "uniform":
             return self.b or self.a
         return self.a or (self.b if self.distribution == "normal" else 0.0)

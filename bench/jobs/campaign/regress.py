@@ -231,7 +231,7 @@ def _changed(content: Mapping[str, Any], campaign: Spec) -> list[str]:
 
 
 def _relevant(spec: dict[str, Any]) -> dict[str, Any]:
-    """The spec without what only says how to compare."""
+    """The spec without the keys that only say how results are compared."""
     return {key: value for key, value in spec.items() if key != "regress"}
 
 

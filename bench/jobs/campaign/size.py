@@ -1,4 +1,4 @@
-"""How large a campaign is, said before it begins: a spec of a few lines may ask for years of work."""
+"""The size of a campaign, printed before it begins: a spec of a few lines may need years of computing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ASK_FROM = 20_000
 
 
 def require_agreement(spec: Spec, workers: int | None, scheduler: str | None) -> None:
-    """Refuse a large campaign that nobody agreed to, and say how long it takes.
+    """Refuse a large campaign without the user's agreement, and say how long it takes.
 
     Raises:
         InputError: the campaign has more than ASK_FROM robots.

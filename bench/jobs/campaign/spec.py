@@ -1,4 +1,4 @@
-"""Campaign specs (TOML): reading, with every file they name put in its place, so that one text says it all."""
+"""Campaign specs (TOML), read with the content of every file that they name, so that one text holds everything."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def _check(spec: Spec) -> None:
 
 
 def _without_sweeps(spec: Spec) -> InputError | None:
-    """What is wrong with the spec as it stands without its sweeps."""
+    """The error of the spec without its sweeps; None where there is none."""
     try:
         cell.read(spec.table)
     except InputError as error:

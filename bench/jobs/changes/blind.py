@@ -25,7 +25,7 @@ ANSWER = {"verdict": str, "established": [str], "adequate": [[str]]}
 
 
 def make(robot: Robot, folder: Path, n: int, seed: int = 0, advance: Callable[[], None] = lambda: None) -> list[Path]:
-    """Write n pairs NNN.first.csv and NNN.csv, and sealed what changed; the same seed gives the same bytes.
+    """Write n pairs NNN.first.csv and NNN.csv, and what changed in sealed files; the same seed gives the same bytes.
 
     Raises:
         InputError: the folder cannot be written, or holds other data sets; nothing is left behind.

@@ -187,7 +187,7 @@ class Pair:
     def visible(
         self, moved: Sequence[Moved], size: float | Sequence[float], row: int = 0
     ) -> tuple[np.ndarray, LinearisedSession]:
-        """(M,) what a change does to the whitened readings beside the measuring frame, and the session."""
+        """(M,) signal of changed parts in the whitened readings, the measuring frame allowed for; and the session."""
         before = self.measured((), 0.0, noisy=False)
         after = joined(before, self.measured(moved, size, noisy=False), row)
         new = session(self.model, before, self.setup == "same")
@@ -196,7 +196,7 @@ class Pair:
         return project_out(new.whitened(off[..., None])[:, 0], span(new.frame, 0.05)), new
 
     def sized(self, moved: Moved, wanted: float, row: int = 0) -> tuple[float, float]:
-        """Size of a change that is seen by so many noise units, or as large as it may become; and the units."""
+        """Size at which a change reaches the wanted noise units, within its limit; and the units that it reaches."""
         size, s = 1.0, 0.0
         for _ in range(3):
             signal, _ = self.visible([moved], size, row)

@@ -87,7 +87,7 @@ def hidden(
 
 
 def answer(found: Changes) -> dict[str, Any]:
-    """What was said, in columns."""
+    """The answer of pcalib as columns of a row."""
     members = [m for e in found.sets[:1] for m in e.members]
     slips = [m.slip for m in members if m.slip is not None]
     return {

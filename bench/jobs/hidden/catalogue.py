@@ -71,7 +71,7 @@ class Hidden:
         return self.fault
 
     def needs(self, robot: Robot) -> tuple[str, ...]:
-        """Return columns without which it cannot be simulated."""
+        """Return columns that are needed to simulate the fault."""
         return faults.make(robot, self.fault, self.typical).NEEDS
 
     def draw(self, robot: Robot, rng: np.random.Generator, uneven: bool = False) -> Fault:

@@ -105,7 +105,7 @@ class Grade:
 
     @property
     def alarm(self) -> bool:
-        """Whether it says that something is missing."""
+        """Whether the answer says that something is missing."""
         return self.answer.verdict != "nothing_missing"
 
     @property
@@ -115,7 +115,7 @@ class Grade:
 
     @property
     def found(self) -> bool:
-        """Whether the truth is named, alone or fairly beside its rivals."""
+        """Whether the answer names the truth, alone or beside rivals that fit as well."""
         return self.inside and self.answer.verdict in ("established", "ambiguous")
 
     @property
@@ -125,7 +125,7 @@ class Grade:
 
     @property
     def unexplained(self) -> bool:
-        """Whether it says that nothing known explains the data."""
+        """Whether the answer says that nothing known explains the data."""
         return self.answer.verdict == "unexplained"
 
     def to_json(self) -> dict[str, Any]:
@@ -175,7 +175,7 @@ class Line:
 
     @property
     def sigma(self) -> float:
-        """1σ of the rate; where it is 0 or 1 that of one hit more or less."""
+        """1σ of the rate; at a rate of 0 or 1, the σ for one hit more or less."""
         seen = min(max(self.hits, 1), self.n - 1) / self.n if self.n > 1 else 0.5
         return float((seen * (1 - seen) / max(self.n, 1)) ** 0.5)
 

@@ -204,7 +204,7 @@ class Stage:
         return self._refitted(change[row, component] / self._clean.sigma[row, component])
 
     def signal(self, hidden: Sequence[Fault]) -> np.ndarray:
-        """Return (M,) what faults leave visible."""
+        """Return the part (M,) of the faults' signal that the geometry cannot take up."""
         return self.visible(self.change(hidden))
 
     def room(self, fault: Fault, change: np.ndarray, effect: str | None = None) -> float:
@@ -337,5 +337,5 @@ def _shuffled(plan: plans.Plan, seed: int) -> plans.Plan:
 
 
 def suits(hidden: Hidden, design: Design, robot: Robot) -> bool:
-    """Return whether a design records what a fault acts through."""
+    """Return whether a design records the columns by which a fault acts."""
     return set(hidden.needs(robot)) <= set(design.columns) and not (design.sensors and hidden.name in OF_A_TRACKER)

@@ -1,1 +1,1 @@
-"""What calibration and the virtual robot cost, beside the bounds that they are held to."""
+"""Time and memory of calibration and of the virtual robot, compared with their bounds."""

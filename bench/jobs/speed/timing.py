@@ -1,4 +1,4 @@
-"""Measured costs beside the bounds that they are held to."""
+"""Measured times and memory, compared with their bounds."""
 
 from __future__ import annotations
 

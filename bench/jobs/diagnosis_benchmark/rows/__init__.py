@@ -79,7 +79,7 @@ class Set:
 
 @dataclass(frozen=True)
 class Said:
-    """What was said of a set, and whether that was right."""
+    """The answer to a data set, and which rates it counts for."""
 
     words: str
     hits: Mapping[str, bool]
@@ -102,7 +102,7 @@ class Outcome:
 
     @property
     def name(self) -> str:
-        """By which the set is found again."""
+        """Name by which :func:`replay` makes the set again."""
         return f"{self.task.name}#{self.number}"
 
     def to_json(self) -> dict[str, Any]:
@@ -117,7 +117,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Bound:
-    """A rate that is asked for; `{}` in `what` stands for the variant."""
+    """A rate and its limit; `{}` in `what` stands for the variant."""
 
     what: str
     bound: float = float("nan")
