@@ -28,7 +28,7 @@ class _Number:
 
 
 def numbers(data: Measurements, robot: Robot, here: DrawingDistance | None) -> Iterator[tuple[str, str, str, float]]:
-    """Single numbers that are far from the drawing and and whose correction makes the data agree, best first."""
+    """Single numbers that are far from the drawing and whose correction makes the data agree, best first."""
     found = []
     for number in _candidates(data, robot):
         alpha = drawing.search(data, robot, number.units, number.change)
