@@ -77,7 +77,7 @@ def _priors_widened(fit: Fit) -> Iterator[str]:
 def _tilt_unseen(fit: Fit) -> Iterator[str]:
     fitted = ~fit.data.check
     one_tool = np.ptp(fit.data.tool[fitted], axis=0).max() < 1e-6
-    turns = fit.model.robot.mechanism.plate_turns
+    turns = fit.candidate.robot.mechanism.plate_turns
     if turns and one_tool and not fit.data.mask[fitted, 3:].any() and not fit.unknowns.level.perfect:
         yield (
             "position only, with one tool: the plate's tilt is not seen, and other tools are not calibrated; measure "
