@@ -17,7 +17,7 @@ from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.problem import Problem
 from pcalib.diagnosis.screen import NUISANCE, project_out, span
 from pcalib.fitting.linearisation import residuals
-from pcalib.laws.grammar import laws
+from pcalib.laws.grammar import at_places, laws
 from pcalib.model import Model
 
 MOST = 12
@@ -50,7 +50,7 @@ class Columns:
             ones = [np.broadcast_to(row, (len(at), len(places))) for row in np.eye(len(places))]
             response = made.whitened(made.point.columns([channel.contribution(at, one) for one in ones]))
             for term in terms:
-                for f in term.values(at):
+                for f in at_places(term, channel, at):
                     values.append((response * np.broadcast_to(f, (len(at), len(places)))[made.row]).astype(np.float32))
                     channels += [channel.name] * len(places)
                     variables += [frozenset(s.variable.name for s in term.variables)] * len(places)
