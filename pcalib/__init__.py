@@ -14,6 +14,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from pcalib.shown import Shown
+
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
@@ -83,6 +85,8 @@ __all__ = [
     "drop", "explain", "fit", "load_measurements", "load_model", "load_robot", "next_rows", "plan", "predict",
     "save_measurements", "save_model", "update",
 ]  # fmt: skip
+
+Shown.notebook = staticmethod(lambda: importlib.import_module("pcalib.notebook"))
 
 
 def __getattr__(name: str) -> Any:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import Any
-
-
-def _notebook() -> Any:
-    # Results know nothing of reports, which are made of them: reports are looked up when they are asked for.
-    return importlib.import_module("pcalib.notebook")
+from typing import Any, ClassVar
 
 
 class Shown:
     """Base of results that notebooks show."""
 
+    notebook: ClassVar[staticmethod[[], Any]]
+    """Imports `pcalib.notebook`. The package sets it: results know nothing of the reports that are made of them."""
+
     def _repr_html_(self) -> str:
-        return _notebook().html(self)
+        return self.notebook().html(self)
 
 
 class Tabled(Shown):
@@ -23,7 +20,7 @@ class Tabled(Shown):
 
     def to_arrow(self) -> Any:
         """The table as a `pyarrow.Table`, columns as in a file: the unit at the end of the name."""
-        return _notebook().arrow(self)
+        return self.notebook().arrow(self)
 
     def to_pandas(self) -> Any:
         """The table as a `pandas.DataFrame`; pandas must be there."""
