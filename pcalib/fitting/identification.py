@@ -142,7 +142,7 @@ def _options(model: Model, level: str, said: Mapping[str, Any]) -> FitOptions:
     kept = replace(model.options, **{name: getattr(FitOptions(), name) for name in said})
     if level in levels and (lost := [name for name in kept.named if name not in levels[level].columns]):
         raise InputError(
-            f"{', '.join(lost)}: held, bounded or with a prior at level {model.level}, and no unknown of level {level}",
+            f"{', '.join(lost)}: held, bounded or with a prior at level {model.level}, which level {level} cannot do",
             remedy=f"fit the data again with the options for that level: pcalib fit --level {level} …",
         )
     for value, names, what in ((out.method, METHODS, "method"), (out.loss, LOSSES, "loss")):
