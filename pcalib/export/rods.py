@@ -152,8 +152,8 @@ def _closed_forms(model: Model) -> list[ClosedForm]:
         form = fitted.effect.closed_form(fitted.theta)
         if form is None:
             raise EffectError(
-                f"effect {fitted.effect.name} cannot be exported: it states no closed form, as effects that need "
-                "loads, directions or the time have none that the controller's code computes\n"
+                f"effect {fitted.effect.name} cannot be exported: it states no closed form; effects that need "
+                "loads, directions or the time have none, because the controller's code does not compute these\n"
                 f"  'pcalib drop {fitted.effect.name} …' refits without it; 'pcalib compensate' takes it along"
             )
         found.append(form)

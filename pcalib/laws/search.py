@@ -50,7 +50,7 @@ class _Tried:
 
 @dataclass(frozen=True)
 class _Scan:
-    """What trying many laws gave."""
+    """The results of trying many laws."""
 
     tried: list[_Tried]
     """The best constant of every function, in each sharing and beside each companion."""
@@ -276,7 +276,7 @@ def _gain(G: np.ndarray, b: np.ndarray, size: float, whole: np.ndarray) -> tuple
 
 
 def _function(term: Term) -> tuple[str, ...]:
-    """What tells functions apart but for their constants."""
+    """Shape and variables of a function: functions that are equal in these differ by a constant."""
     return (term.shape.name, *(s.variable.words for s in term.variables))
 
 
