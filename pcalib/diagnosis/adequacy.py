@@ -28,6 +28,8 @@ are ten times as many, and each is one more chance to pass for what no library l
 
 TAIL = 0.01
 """Level below which limits are continued in proportion: of 4,096 draws, 41 lie beyond it."""
+RESOLVED = 10
+"""Draws that must lie below a p value for their number to say how rare it is: ten say so to a third."""
 RANKED = 20
 """Sets that are tried in the order of their BIC until one is possible; those behind take up clearly less."""
 
@@ -87,6 +89,17 @@ def null_distribution(screen: Screen, chosen: Sequence[int] = ()) -> np.ndarray:
 def corrected(p: np.ndarray | float, null: np.ndarray) -> np.ndarray:
     """p values (…) corrected for all that was looked at, by the distribution of the smallest one."""
     return (1.0 + np.searchsorted(null, p, side="right")) / (len(null) + 1.0)
+
+
+def corrected_far(p: float, null: np.ndarray) -> float:
+    """A p value corrected as by :func:`corrected`, and continued in proportion to p below the smallest of few draws.
+
+    Far out, the chance that one of many groups stands out grows in proportion to p.
+    """
+    edge = float(null[min(RESOLVED, len(null)) - 1])
+    if p >= edge:
+        return float(corrected(p, null))
+    return RESOLVED / (len(null) + 1.0) * p / edge
 
 
 def limit(null: np.ndarray, level: float) -> float:

@@ -300,10 +300,15 @@ def _sides(tension: np.ndarray) -> np.ndarray:
     return sign if np.ptp(sign) > 0 else sign[:, :0]
 
 
+def varies(x: np.ndarray) -> np.ndarray:
+    """(3,) bool, the axes along which places x (N, 3) [m] vary by more than noise makes them."""
+    extent = np.ptp(x, axis=0)
+    return extent > FLAT * extent.max()
+
+
 def _place(x: np.ndarray, degree: int) -> np.ndarray:
     """Polynomials (N, F) of the place up to a degree, scaled to its extent, by the axes along which it varies."""
-    extent = np.ptp(x, axis=0)
-    x = x[:, extent > FLAT * extent.max()]
+    x = x[:, varies(x)]
     if not x.shape[1]:
         return np.zeros((len(x), 0))
     u = (x - 0.5 * (x.max(axis=0) + x.min(axis=0))) / (0.5 * np.ptp(x, axis=0))

@@ -90,6 +90,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             "times_noise_check": found.given.check,
             "p_refit": found.given.refit_p,
             "p_check": found.given.check_p,
+            "p_law": found.given.law_p,
             "times_stated": found.given.stated,
             "against": list(found.given.against),
         },

@@ -123,6 +123,9 @@ def _verdict(found: Diagnosis) -> str:
         if others:
             rest = f"or {others[0]}; these rows cannot tell which, and with either what is left looks like noise"
         return f"Something happened while measuring. {capital(event)}; {rest}."
+    if Against.LAW in found.given.against:
+        p = p_text(found.given.law_p)
+        return f"Something is missing: no listed effect shows it, a law outside the library does (p {p})."
     odd, hot = found.problem.outliers, hot_cells(found.cells)
     if odd.too_many and not hot:
         what = "what the others leave over looks like noise" if not odd.kept else "too many to set them aside"

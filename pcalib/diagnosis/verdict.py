@@ -21,6 +21,8 @@ RARE = 1e-3
 mentioning."""
 HELD_OUT = 5e-3
 """Chance of the test on held-out rows: with the α of the search on the rows to fit it makes the rate of alarms."""
+LAW = 5e-3
+"""Chance of the search for laws where nothing else is found, of the same rate of alarms."""
 
 
 class Doubt(StrEnum):
@@ -46,6 +48,8 @@ class Against(StrEnum):
     """Held-out rows are further off than the noise and the doubt of the fit explain."""
     STATED = "stated"
     """What is left over is larger than the stated noise, and no replicates show a larger one."""
+    LAW = "law"
+    """A law that is no listed effect explains more than noise would, here and on held-out rows."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,9 @@ class AsGiven:
     """Probability of a larger χ² of the held-out rows, with the whole covariance and the doubt of the fit."""
     stated: float = 1.0
     """Noise that is left over, over the stated one, where no replicates stand behind it; else 1."""
+    law_p: float = 1.0
+    """p of the best law that is no listed effect, corrected for all laws that were tried, on rows to fit and held-out
+    rows together; 1 where none was looked for."""
     spent: float = 1.0
     """Share of the first round's chance of a false alarm that is spent in this round of measuring."""
 
@@ -70,7 +77,7 @@ class AsGiven:
         """What speaks against the model as it stands."""
         found = {
             Against.STALE: self.refit_p < RARE * self.spent, Against.HELD_OUT: self.check_p < HELD_OUT * self.spent,
-            Against.STATED: self.stated > LOUD,
+            Against.STATED: self.stated > LOUD, Against.LAW: self.law_p < LAW * self.spent,
         }  # fmt: skip
         return tuple(reason for reason, holds in found.items() if holds)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pcalib.diagnosis.patterns import STEADY, varies
 from pcalib.effects.base import Situation
 
 
@@ -64,9 +65,11 @@ class Scaled:
     @classmethod
     def of(cls, variable: Variable, at: Situation) -> Scaled | None:
         """A variable at the scale of some data, its constants rounded as they are written; None where it is constant
-        or has blanks."""
+        or has blanks. A load that hardly varies counts as constant, because its rounding would then be the variable."""
         raw = variable.values(at)
-        if not np.isfinite(raw).all() or np.ptp(raw) <= 1e-9 * max(1.0, float(np.abs(raw).max())):
+        largest = float(np.abs(raw).max(initial=0.0))
+        least = STEADY * largest if variable.name in ("torque", "tension") else 1e-9 * max(1.0, largest)
+        if not np.isfinite(raw).all() or np.ptp(raw) <= least:
             return None
         middle = 0.5 * float(raw.max() + raw.min())
         origin = float(f"{middle if variable.origin is None else variable.origin:.4g}")
@@ -93,9 +96,7 @@ def variables(at: Situation) -> list[Variable]:
                  "np.roll(at.torque, -1, axis=1)", load, 0.0),
         Variable("torque", f"the previous arm's {torque}", "arm", lambda s: np.roll(s.torque, 1, 1),
                  "np.roll(at.torque, 1, axis=1)", load, 0.0),
-        Variable("x", "the place along x", "pose", lambda s: s.pose.x[:, 0], "at.pose.x[:, 0]", "m"),
-        Variable("y", "the place along y", "pose", lambda s: s.pose.x[:, 1], "at.pose.x[:, 1]", "m"),
-        Variable("z", "the height", "pose", lambda s: s.pose.x[:, 2], "at.pose.x[:, 2]", "m"),
+        *(_place(axis) for axis in np.flatnonzero(varies(at.pose.x))),
         Variable("payload", "the payload", "pose", lambda s: s.payload, "at.payload", "kg", 0.0),
         Variable("tool_length", "the length of the tool", "pose", lambda s: s.tool[:, 2], "at.tool[:, 2]", "m",
                  0.0),
@@ -114,6 +115,12 @@ def variables(at: Situation) -> list[Variable]:
         words = f"the temperature of {name[5:]}" if name.startswith("temp_") else name.replace("_", " ")
         out.append(Variable(name, words, "pose", _reader(name), f'at.column("{name}")', unit, origin, name))
     return out
+
+
+def _place(axis: int) -> Variable:
+    name = "xyz"[axis]
+    words = "the height" if name == "z" else f"the place along {name}"
+    return Variable(name, words, "pose", lambda s: s.pose.x[:, axis], f"at.pose.x[:, {axis}]", "m")
 
 
 def _direction(i: int) -> Callable[[Situation], np.ndarray]:

@@ -31,7 +31,8 @@ from pcalib.laws.judge import TESTED, Judge, columns
 from pcalib.laws.proposal import Proposals, families
 
 DRAWS = 256
-"""Draws of pure noise on which the whole search is repeated: they resolve corrected p values down to 0.004."""
+"""Draws of pure noise on which the whole search is repeated: they resolve corrected p values down to 0.04, below which
+these are continued in proportion."""
 COMPANIONS = 4
 """Listed effects, and laws, beside which a further law is searched for: those that gain most on their own."""
 BLOCK = 96
@@ -57,19 +58,24 @@ class _Scan:
     count: int
     """Laws that were tried."""
     p: float
-    """Smallest p of a law alone, or beside a companion, not corrected for the search."""
+    """Smallest p of a law alone, or of one beside a companion times the number of companions (Bonferroni); not
+    corrected for the laws that were tried."""
     null: np.ndarray
     """(DRAWS,) the smallest p of laws alone on each draw of noise."""
 
 
-def propose(made: Problem, seed: int = 0) -> Proposals:
-    """Laws that explain what a model leaves over, by classes; none where their search finds as much in pure noise."""
+def propose(made: Problem, seed: int = 0, companions: int = COMPANIONS) -> Proposals:
+    """Laws that explain what a model leaves over, by classes; none where their search finds as much in pure noise.
+
+    Args:
+        companions: listed effects beside which laws are tried too.
+    """
     search = _Search.of(made, seed)
-    listed = search.best_listed()
+    listed = search.best_listed(companions)
     scan = search.all([search.outside(made.whitened(c.columns)) for c in listed])
     if not scan.count:
         return Proposals((), 0, 1.0, made)
-    p = float(adequacy.corrected(scan.p, scan.null))
+    p = adequacy.corrected_far(scan.p, scan.null)
     if p > adequacy.ALPHA:
         return Proposals((), scan.count, p, made)
     tried = scan.tried
@@ -105,7 +111,7 @@ class _Search:
         U = span(made.nuisance, NUISANCE)
         rng = np.random.default_rng(seed)
         z = rng.standard_normal((len(made.y), DRAWS), dtype=np.float32)
-        for c, dof in enumerate(made.noise.dof):  # the doubt about the noise level belongs to the noise
+        for c, dof in enumerate(made.known.dof):  # the doubt about the noise level belongs to the noise
             if np.isfinite(dof):
                 z[made.classes == c] *= np.sqrt(dof / rng.chisquare(dof, DRAWS)).astype(np.float32)
         base = screen(made.y, made.nuisance, [], made.known, n_draws=1)
@@ -117,7 +123,7 @@ class _Search:
         size = np.linalg.norm(part, axis=0)
         return span(part / np.where(size > 0, size, 1.0), 1e-4)
 
-    def best_listed(self) -> list[Candidate]:
+    def best_listed(self, most: int) -> list[Candidate]:
         """The listed effects that gain most on their own, one variant of each."""
         best: dict[str, tuple[float, Candidate]] = {}
         for c in self.made.candidates:
@@ -127,7 +133,7 @@ class _Search:
             gain = float(np.sum((Q.T @ self.y) ** 2)) - Q.shape[1] * float(np.log(len(self.y)))
             if gain > best.get(c.name, (0.0, c))[0]:
                 best[c.name] = gain, c
-        return [c for _, c in sorted(best.values(), key=lambda pair: -pair[0])][:COMPANIONS]
+        return [c for _, c in sorted(best.values(), key=lambda pair: -pair[0])][:most]
 
     def response(self, channel: Channel, places: tuple[str, ...]) -> np.ndarray:
         """(M, P) Whitened readings per unit deviation of each place."""
@@ -184,6 +190,7 @@ class _Search:
                     seen_by, level = seen_by - (X @ own)[..., None], float(own @ own)
                 T, d = _gain(inside, seen_by, channel.size, g)
                 p = np.where(d > 0, self.p_value(T[:, 0], np.maximum(d, 1)), 1.0)
+                tries = len(companions) if k else 1
                 if k == 0 and with_noise:
                     T_noise, _ = _gain(inside, by_chance, channel.size, g)
                     for columns in np.unique(d[d > 0]):  # the largest gain at each number of columns decides
@@ -194,7 +201,7 @@ class _Search:
                 gain = T[:, 0] + level
                 bic = np.where(counted, (d + extra + searched) * np.log(len(self.y)) - gain, np.inf)
                 count += int(counted.sum())
-                smallest = min(smallest, float(p[counted].min(initial=1.0)))
+                smallest = min(smallest, tries * float(p[counted].min(initial=1.0)))
                 for i in _first_of_each(run, bic):
                     law = Law(channel, sharing, found[i], places)
                     out.append(_Tried(law, float(gain[i]), int(d[i]), float(bic[i]), k - 1))

@@ -1,4 +1,14 @@
-"""Laws beside the verdict of a diagnosis: where no listed effect is the answer, and where a law does as well as one."""
+"""Laws beside the verdict of a diagnosis: where no listed effect is the answer, and where a law does as well as one.
+
+Where the diagnosis finds nothing, a law may still show what no effect and no pattern shows. It has to be rare twice: by
+its gain on the rows to fit, p₁ corrected for the whole grammar, and by the change that it predicts for the held-out
+rows, p₂. Both are uniform where nothing is missing, and independent because the law is chosen on the rows to fit. Their
+product w, looked at where p₁ ≤ τ only, has the p value
+
+    p = w·(1 + ln(τ/w))        w = p₁·p₂ ≤ τ
+
+(truncated product method: Zaykin, Zhivotovsky, Westfall & Weir 2002).
+"""
 
 from __future__ import annotations
 
@@ -7,11 +17,17 @@ from math import log
 
 import numpy as np
 
+from pcalib.diagnosis.adequacy import ALPHA
 from pcalib.diagnosis.diagnose import Diagnosis
-from pcalib.diagnosis.verdict import Doubt, decide
+from pcalib.diagnosis.held_out import HeldOut, refitted
+from pcalib.diagnosis.hypothesis import Hypothesis, Kind
+from pcalib.diagnosis.verdict import Against, Doubt, decide
+from pcalib.effects.base import Contribution, Effect, Situation
 from pcalib.laws import telling
+from pcalib.laws.grammar import Law
 from pcalib.laws.proposal import Proposals
 from pcalib.laws.search import propose
+from pcalib.laws.writing import names
 
 SHOWN = 2
 """Laws that are named beside an established effect."""
@@ -38,11 +54,26 @@ class Beside:
         return telling.sentence(self.proposals) if self.proposals.families else ""
 
 
-def beside(found: Diagnosis, seed: int = 0) -> Beside | None:
-    """Laws where a diagnosis is unexplained or has established an effect; None where nothing asks for them.
+class _AsEffect(Effect):
+    """A law as an effect that a model may have."""
 
-    Nothing is searched for unless the diagnosis has raised its alarm, so that proposals raise none of their own.
-    """
+    linear = True
+
+    def __init__(self, law: Law) -> None:
+        self.law = law
+        self.name = self.spec = names(law)[0]
+        self.title, self.parameters, self.needs = law.words(), law.parameters, law.needs
+
+    def contribution(self, at: Situation, theta: np.ndarray) -> Contribution:
+        """What the law adds at amplitudes theta (columns,) [SI]."""
+        return self.law.contribution(at, theta)
+
+
+def beside(found: Diagnosis, seed: int = 0) -> Beside | None:
+    """Laws where a diagnosis is unexplained or has established an effect, and where a law alone shows that something is
+    missing; None where nothing asks for them."""
+    if found.verdict == "nothing_missing":
+        return _alone(found, seed)
     doubted = bool(found.sets) and bool(found.sets[0].implausible)
     if not (found.verdict == "unexplained" or found.established or doubted) or found.problem.outliers.too_many:
         return None
@@ -62,6 +93,38 @@ def beside(found: Diagnosis, seed: int = 0) -> Beside | None:
         if not {*law.listed, *(c.name for c in law.beside)} & set(named) and law.bic < bic + CLEAR
     ]
     return Beside(found, proposals, tuple(law.words() for law in rivals[:SHOWN]))
+
+
+def _alone(found: Diagnosis, seed: int) -> Beside | None:
+    """The diagnosis as one that is unexplained, where a law shows what no effect and no pattern shows."""
+    proposals = propose(found.problem, seed=seed, companions=0)
+    given = replace(found.given, law_p=_p(found, proposals))
+    if Against.LAW not in given.against:
+        return None
+    return Beside(replace(found, verdict="unexplained", sets=(), given=given), proposals, ())
+
+
+def _p(found: Diagnosis, proposals: Proposals) -> float:
+    """p of the first law, on rows to fit and held-out rows together."""
+    if not proposals.families:
+        return 1.0
+    made, best = found.problem, proposals.families[0].first
+    held = None if found.checked is None else HeldOut.of(made, found.checked)
+    if held is None:
+        return proposals.p
+    added = [
+        (Hypothesis.of(_AsEffect(law), Kind.LAW), theta) for law, theta in zip(best.laws, best.theta, strict=True)
+    ]
+    added += [(c.hypothesis, np.zeros(len(c.scale))) for c in best.beside]
+    before, after = refitted(made.model, made.data, []), refitted(made.model, made.data, added)
+    change = held.compared(before, after)
+    return both(proposals.p, 1.0 if change is None else change.p)
+
+
+def both(p: float, held: float) -> float:
+    """p value of two independent ones, the first of which is ALPHA or less."""
+    w = p * held
+    return w * (1 + log(ALPHA / w)) if w > 0 else 0.0
 
 
 def with_laws(found: Diagnosis) -> Diagnosis:

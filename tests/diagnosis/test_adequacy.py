@@ -145,3 +145,15 @@ def test_what_takes_up_nothing_explains_nothing():
     assert (c, d) not in kept
     both = build(2, {"c": 7.0, "d": 7.0})
     assert adequacy.explains(both, (c, d))
+
+
+def test_few_draws_go_on_in_proportion_where_many_would_count():
+    """The smallest p of k independent ones: its distribution is known, 1 − (1 − p)ᵏ."""
+    k, rng = 1000, np.random.default_rng(1)
+    found = []
+    for _ in range(200):
+        null = np.sort(rng.uniform(size=(256, k)).min(axis=1))
+        found.append([adequacy.corrected_far(p, null) for p in (1e-4, 2e-5, 1e-7)])
+    truth = -np.expm1(k * np.log1p(-np.array([1e-4, 2e-5, 1e-7])))
+    assert np.mean(found, axis=0) == pytest.approx(truth, rel=0.15)
+    assert np.std(found, axis=0)[2] < 0.5 * truth[2]  # ten of 256 draws say it to a third

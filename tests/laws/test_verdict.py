@@ -1,12 +1,13 @@
 """A listed effect is not established where a law that nobody listed explains the data better."""
 
+import numpy as np
 import pytest
 
 from bench.jobs.diagnosis_benchmark import rows
 from pcalib.diagnosis import telling
 from pcalib.diagnosis.diagnose import diagnose
-from pcalib.diagnosis.verdict import Doubt
-from pcalib.laws.verdict import beside, chance
+from pcalib.diagnosis.verdict import Against, Doubt
+from pcalib.laws.verdict import beside, both, chance
 
 
 def test_a_law_of_one_joint_is_no_backlash():
@@ -30,3 +31,31 @@ def test_an_effect_that_is_there_stays_established_beside_laws():
 
 def test_a_better_law_pays_for_the_search():
     assert chance(1) == 0 and chance(88_578) == pytest.approx(22.8, abs=0.1)
+
+
+def test_a_law_that_no_effect_resembles_is_an_alarm():
+    """The tool point follows a direction times a temperature: 12 noise units that no candidate and no pattern shows."""
+    made = rows.replay("random_laws.rich/0#1", 0)
+    found = diagnose(made.model, made.data)
+    assert found.verdict == "nothing_missing"
+    laws = beside(found)
+    assert laws is not None and laws.found.verdict == "unexplained" and not laws.found.sets
+    assert laws.found.given.against == (Against.LAW,)
+    said = telling.sentence(laws.found)
+    assert said == "Something is missing: no listed effect shows it, a law outside the library does (p < 0.001)."
+    assert "the direction of motor 1 × the temperature of arms" in laws.sentence
+
+
+def test_noise_is_no_law():
+    made = rows.replay("noise.white/0#0", 0)
+    assert beside(diagnose(made.model, made.data)) is None
+
+
+def test_two_p_values_together_are_uniform_where_nothing_is_missing():
+    """Of pairs of uniform numbers the first of which is 0.05 or less, a share x of all has a joint p below x."""
+    rng = np.random.default_rng(0)
+    n = 100_000
+    first, second = rng.uniform(0, 0.05, n), rng.uniform(0, 1, n)  # one pair of twenty has so small a first number
+    joint = np.array([both(p, held) for p, held in zip(first, second, strict=True)])
+    for level in (0.002, 0.005, 0.02):
+        assert 0.05 * np.mean(joint < level) == pytest.approx(level, rel=0.05)

@@ -15,6 +15,7 @@ from bench.jobs.diagnosis_benchmark.rows._shared import KINDS, in_words, robot, 
 from bench.jobs.hidden.design import DESIGNS, POINTS, TRACKED, Design
 from bench.truth import Truth
 from pcalib.diagnosis.diagnose import diagnose
+from pcalib.laws.verdict import with_laws
 
 SETS, FEWER = 200, 120
 """Data sets of a variant, and of those that stand beside another for comparison."""
@@ -114,7 +115,7 @@ def _contacts(task: Task, variant: _Variant, kind: str, rng: np.random.Generator
 
 
 def _judge(made: Set) -> Said:
-    found = diagnose(made.model, made.data)
+    found = with_laws(diagnose(made.model, made.data))
     hits = {} if made.truth.get("visible") else {"alarm": found.verdict != "nothing_missing"}
     return Said(in_words(found), hits | {"wrong": bool(found.established)})
 
