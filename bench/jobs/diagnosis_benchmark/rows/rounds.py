@@ -18,6 +18,7 @@ from pcalib.data.joining import join
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.diagnose import diagnose
 from pcalib.fitting import identification
+from pcalib.laws.verdict import with_laws
 
 ROUNDS = 10
 FIRST = replace(DESIGNS["rich"], rows=80, check=20)
@@ -68,7 +69,8 @@ def _judge(made: Set) -> Said:
 
 
 def _alarm(made: Set, data: Measurements) -> bool:
-    return diagnose(identification.fit(data, made.start).model, data).verdict != "nothing_missing"
+    found = with_laws(diagnose(identification.fit(data, made.start).model, data))
+    return found.verdict != "nothing_missing"
 
 
 def _rows_until(made: Set, parts: Sequence[Measurements], effect: str, counted: bool) -> int:
