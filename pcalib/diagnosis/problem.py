@@ -258,13 +258,14 @@ def _tempered(made: Problem) -> Problem:
 
 def _shaped(made: Problem) -> Problem:
     """The problem with correlation in time of its noise allowed for, and the level found anew."""
-    Q = joint_span(made.nuisance, made.groups)
-    slow = Q
+    U = span(made.nuisance, NUISANCE)
+    if not made.noise.memory and not memories.stands_out(made.data, made.y, U, made.row, made.component):
+        return made
+    by_pose: set[int] = set()
     if memories.unordered(made.data):  # errors that depend on the pose alone are white in time
         first = len(made.candidates)
         by_pose = {i + first for i, p in enumerate(made.patterns) if p.variable in BY_POSE}
-        slow = joint_span(made.nuisance, [g for i, g in enumerate(made.groups) if i not in by_pose])
-    U = span(made.nuisance, NUISANCE)
+    slow = joint_span(made.nuisance, [g for i, g in enumerate(made.groups) if i not in by_pose])
     memory = made.noise.memory or memories.memory(
         made.data, made.y, U, slow, made.row, made.component, made.noise.excess
     )

@@ -10,7 +10,7 @@ from pcalib import effects, prediction
 from pcalib.data.measurement import Measurements
 from pcalib.diagnosis.point import Point
 from pcalib.diagnosis.problem import problem
-from pcalib.diagnosis.screen import project_out, span
+from pcalib.diagnosis.screen import INVISIBLE, NUISANCE, project_out, span
 from pcalib.effects.base import Effect
 from pcalib.effects.user import trial
 from pcalib.fitting.unknowns import unknowns_of
@@ -33,11 +33,15 @@ def visibility(model: Model, data: Measurements, own: Sequence[Effect] = ()) -> 
     Effects that these poses cannot show at their largest possible size have 0.
     """
     made = problem(model, data, own, all_rows=True, most=ROWS)
-    screen = made.screen(n_draws=2)
+    U = span(made.nuisance, NUISANCE)
     out: dict[str, float] = {}
-    for g, c in enumerate(made.candidates):
-        if c.effect is not None and c.name not in out:
-            out[c.name] = screen.kappa(g) if screen.visible[g] else 0.0
+    for c in made.candidates:
+        if c.effect is None or c.name in out:
+            continue
+        columns = made.whitened(c.columns)
+        left = project_out(columns, U)
+        seen = np.linalg.norm(left * c.limit, 2) > INVISIBLE
+        out[c.name] = float(np.linalg.norm(left * c.scale) / np.linalg.norm(columns * c.scale)) if seen else 0.0
     return dict(sorted(out.items(), key=lambda item: -item[1]))
 
 

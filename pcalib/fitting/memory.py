@@ -138,14 +138,23 @@ def of_residuals(
         row, component: (M,) of each reading.
     """
     time = time_of(data)
+    if not _follows(y, time, np.stack([row, component])) or not stands_out(data, y, U, row, component):
+        return None
+    return _most_likely(y, U, time[row], _spacing(time), component)
+
+
+def stands_out(data: Measurements, y: np.ndarray, U: np.ndarray, row: np.ndarray, component: np.ndarray) -> bool:
+    """Whether the residuals of a fit are correlated in time by more than chance, whatever the cause.
+
+    Args:
+        y, U, row, component: as in :func:`of_residuals`.
+    """
+    time = time_of(data)
     spacing = _spacing(time)
-    where = np.stack([row, component])
-    if spacing <= 0 or len(y) - U.shape[1] < 30 or not _follows(y, time, where):
-        return None
-    pose = _poses(data)
-    if not any(_beyond(y, U, time / (rows * spacing), pose, where) > SURE for rows in TIMES):
-        return None
-    return _most_likely(y, U, time[row], spacing, component)
+    if spacing <= 0 or len(y) - U.shape[1] < 30:
+        return False
+    pose, where = _poses(data), np.stack([row, component])
+    return any(_beyond(y, U, time / (rows * spacing), pose, where) > SURE for rows in TIMES)
 
 
 def _follows(y: np.ndarray, time: np.ndarray, where: np.ndarray) -> bool:
