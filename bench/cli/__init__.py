@@ -19,4 +19,4 @@ pcbench campaign bench/specs/quick.toml -o out/quick
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `pcbench` with `argv` (that of the process where None); returns the exit code."""
-    return frame.run(frame.app("pcbench", __name__, __path__, DESCRIPTION, EXAMPLES), argv)
+    return frame.run(frame.app("pcbench", __name__, __path__, DESCRIPTION, EXAMPLES, argv), argv)

@@ -20,4 +20,4 @@ pcalib compensate targets.csv --model m.toml --tool 0,0,-300mm -o commands.csv
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `pcalib` with `argv` (that of the process where None); returns the exit code."""
-    return frame.run(frame.app("pcalib", __name__, __path__, DESCRIPTION, EXAMPLES), argv)
+    return frame.run(frame.app("pcalib", __name__, __path__, DESCRIPTION, EXAMPLES, argv), argv)

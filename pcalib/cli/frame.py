@@ -85,8 +85,13 @@ _PLAIN = Parameter(negative=(), show_default=lambda value: None if value in (Non
 """What holds for every option: there is no --no-…, and an empty default is not shown."""
 
 
-def app(name: str, package: str, path: Iterable[str], description: str, examples: str = "") -> App:
-    """A program whose commands are the files of `package`, which lies at `path`; none of them is imported."""
+def app(
+    name: str, package: str, path: Iterable[str], description: str, examples: str = "", argv: Sequence[str] | None = ()
+) -> App:
+    """A program whose commands are the files of `package`, which lies at `path`; none of them is imported.
+
+    Where `argv` (that of the process where None) begins with a command, the files of the others are not read.
+    """
     program = App(
         name=name,
         help=description,
@@ -99,9 +104,9 @@ def app(name: str, package: str, path: Iterable[str], description: str, examples
         suppress_keyboard_interrupt=False,
     )
     files = {file.stem: file for folder in path for file in Path(folder).glob("*.py")}
-    for module in sorted(files):
-        if module.startswith("_") or module == "frame":
-            continue
+    commands = sorted(module for module in files if not module.startswith("_") and module != "frame")
+    first = [word.replace("-", "_") for word in _tokens(argv)[:1]]
+    for module in first if first and first[0] in commands else commands:
         text, examples = _help(files[module])
         program.command(
             f"{package}.{module}:command", name=module.replace("_", "-"), help=text, help_epilogue=examples,
@@ -126,7 +131,7 @@ def run(program: App, argv: Sequence[str] | None = None) -> int:
 
     if argv is None:
         _guard.quiet()
-    tokens = sys.argv[1:] if argv is None else list(argv)
+    tokens = _tokens(argv)
 
     def work() -> int | None:
         try:
@@ -136,6 +141,10 @@ def run(program: App, argv: Sequence[str] | None = None) -> int:
             return fail(_usage(program, error))
 
     return _guard.guarded(work, tokens)
+
+
+def _tokens(argv: Sequence[str] | None) -> list[str]:
+    return sys.argv[1:] if argv is None else list(argv)
 
 
 def _command_of(module: str) -> Callable[..., Any]:

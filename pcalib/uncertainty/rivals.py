@@ -8,18 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pcalib import modelfile
 from pcalib.data.measurement import Measurements
-from pcalib.diagnosis.diagnose import Diagnosis, diagnose
-from pcalib.diagnosis.held_out import refitted
-from pcalib.diagnosis.verdict import Explanation
 from pcalib.effects.base import Effect
 from pcalib.errors import PcalibError
 from pcalib.model import Model
+
+if TYPE_CHECKING:  # to weigh the rivals that a model keeps takes no diagnosis
+    from pcalib.diagnosis.diagnose import Diagnosis
+    from pcalib.diagnosis.verdict import Explanation
 
 LEAST = 0.02
 """Weight below which a rival changes no radius by as much as 1 %, unless it puts the TCP seven times as far away."""
@@ -35,6 +36,8 @@ def kept(model: Model, before: Model, data: Measurements, spec: str, own: Sequen
         before: the model that the effect was added to.
         spec: of the effect.
     """
+    from pcalib.diagnosis.diagnose import diagnose
+
     if model.uncertainty is None or spec in model.robot.mechanism.levels:
         return model
     try:
@@ -46,6 +49,8 @@ def kept(model: Model, before: Model, data: Measurements, spec: str, own: Sequen
 
 def _entries(found: Diagnosis, before: Model, data: Measurements, spec: str) -> list[dict[str, Any]]:
     """Rivals as history entries of a model file, each with its weight."""
+    from pcalib.diagnosis.held_out import refitted
+
     name = spec.partition(":")[0] if ".py" not in spec else spec
     own = [e for e in found.sets if name in e.names or spec in e.specs]
     if not own:  # added against the verdict: no evidence weighs it against others
