@@ -201,11 +201,13 @@ def problem(
     rows, of, fit = np.flatnonzero(~data.check)[some], len(fit), fit.take(some) if len(some) < len(fit) else fit
     model = linearisation.seen_from(model, fit)
     made = replace(_linearised(model, fit, own, without), rows=rows, of=of)
+    Q = None
     if not all_rows:
+        Q = joint_span(made.nuisance, made.groups)
         events = [p for p in made.patterns if p.found is not None and p.found.clear]
         steps = [made.whitened(p.columns) * p.size for p in events]  # rows after a step are no outliers
         known = span(np.hstack([made.nuisance, *steps]), NUISANCE)
-        odd = outliers.find(made.y, joint_span(made.nuisance, made.groups), made.row, len(fit), known)
+        odd = outliers.find(made.y, Q, made.row, len(fit), known)
         # What was searched for may have been found for the sake of a single wild row, and then hides it.
         smooth = [g for g in made.groups if g.search.trials == 1]
         plain = span(made.nuisance, NUISANCE)
@@ -216,10 +218,11 @@ def problem(
             keep = np.ones(len(fit), bool)
             keep[odd.rows] = False
             made = replace(_linearised(model, fit.take(keep), own, without), outliers=odd, given=fit, rows=rows, of=of)
+            Q = None
         else:
             made = replace(made, outliers=odd)
     blocks = _blocks(made)
-    level = noise or _level(made, blocks)
+    level = noise or _level(made, blocks, joint_span(made.nuisance, made.groups) if Q is None else Q)
     if level.source == "stated":
         return replace(made, noise=level)
     whitener = noises.whitener(level, blocks)
@@ -355,15 +358,14 @@ def _blocks_of(point: Point, data: Measurements, y: np.ndarray) -> Blocks:
     return Blocks(data.mask, y, joint, stated.padded(point.turn()))
 
 
-def _level(made: Problem, blocks: Blocks) -> NoiseLevel:
-    """The best noise level that the data allow."""
+def _level(made: Problem, blocks: Blocks, Q: np.ndarray) -> NoiseLevel:
+    """The best noise level that the data allow, with the joint span Q of nuisance and groups."""
     drift = [c for c in made.candidates if c.name == "base_drift"]
     between = [drift[0].columns * drift[0].scale] if drift else []
     between += [p.columns * p.size for p in made.patterns if p.found is not None and p.found.clear]
     columns = np.concatenate([np.zeros((*blocks.y.shape, 0)), *between], axis=-1)
     V = noises.contrasts(made.data, made.data.mask, Noise.of(made.data).padded(columns))
     repeated = noises.from_replicates(made.data, blocks, V)
-    Q = joint_span(made.nuisance, made.groups)
     if repeated is not None:
         Q = np.hstack([Q, outside(_gather(V, made.row, made.component), Q)])
     # What was chosen to suit the noise took of it in all directions alike: some outside all else.
