@@ -127,8 +127,11 @@ def _gains(
     """
     N, p = len(tau), C.shape[1]
     each = np.zeros((N, p, p + U.shape[1] + targets.shape[1]))
+    order = np.argsort(rank, kind="stable")
+    rows, first = np.unique(rank[order], return_index=True)
+    factors = np.hstack([C, U, targets])[order]
     for j in range(p):
-        np.add.at(each[:, j], rank, C[:, [j]] * np.hstack([C, U, targets]))
+        each[rows, j] = np.add.reduceat(C[order, j, None] * factors, first)
     moments = []  # of τ⁰, τ¹, τ², over rows from each place on
     for power in range(3):
         sums = np.cumsum((each * (tau**power)[:, None, None])[::-1], axis=0)[::-1]

@@ -257,8 +257,8 @@ def left_over(blocks: Blocks, Q: np.ndarray, luck: float = 0.0) -> LeftOver:
     QSQ = [flat.T @ s.reshape(flat.shape) for s in SQ]
     B = np.empty((len(S), len(S)))
     for k in range(len(S)):
-        for m in range(len(S)):
-            B[k, m] = np.sum(S[k] * S[m]) - 2 * np.sum(SQ[k] * SQ[m]) + np.sum(QSQ[k] * QSQ[m])
+        for m in range(k + 1):
+            B[k, m] = B[m, k] = np.vdot(S[k], S[m]) - 2 * np.vdot(SQ[k], SQ[m]) + np.vdot(QSQ[k], QSQ[m])
     b = np.array([np.einsum("ni,nij,nj->", rest, part, rest) for part in S])
     dof = np.array([np.sum(np.trace(S[k], axis1=1, axis2=2)) - np.trace(QSQ[k]) for k in range(2)])
     return LeftOver(B, b * (1 + luck / max(dof.sum() - luck, 1.0)), dof)
