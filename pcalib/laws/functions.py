@@ -96,7 +96,7 @@ def variables(at: Situation) -> list[Variable]:
                  "np.roll(at.torque, -1, axis=1)", load, 0.0),
         Variable("torque", f"the previous arm's {torque}", "arm", lambda s: np.roll(s.torque, 1, 1),
                  "np.roll(at.torque, 1, axis=1)", load, 0.0),
-        *(_place(axis) for axis in np.flatnonzero(varies(at.pose.x))),
+        *(_place(axis) for axis in np.flatnonzero(varies(at.pose.x)).tolist()),
         Variable("payload", "the payload", "pose", lambda s: s.payload, "at.payload", "kg", 0.0),
         Variable("tool_length", "the length of the tool", "pose", lambda s: s.tool[:, 2], "at.tool[:, 2]", "m",
                  0.0),
