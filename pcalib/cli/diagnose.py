@@ -64,7 +64,8 @@ def command(
     if report is not None:  # before anything is printed: a closed pipe loses no file
         from pcalib.diagnosis import page
 
-        page.write_diagnosis(report, calibrated, found, str(model))
+        first = [laws_in_words.section(laws.proposals)] if laws is not None and laws.sentence else []
+        page.write_diagnosis(report, calibrated, found, str(model), first)
     show(found, laws)
     say(f"Of the model as it is: {expected}")
     if report is not None:

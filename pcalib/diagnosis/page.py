@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -89,14 +90,16 @@ def write_evidence(path: str | Path, model: Model, data: Measurements, found: Ev
     report.write(path, Page(title, telling.evidence_sentence(found), sections, "neutral", facts))
 
 
-def write_diagnosis(path: str | Path, model: Model, found: Diagnosis, file: str) -> None:
-    """A page on what is missing from a model, which stands in that file."""
+def write_diagnosis(
+    path: str | Path, model: Model, found: Diagnosis, file: str, first: Sequence[Section] = ()
+) -> None:
+    """A page on what is missing from a model, which stands in that file; it begins with the sections `first`."""
     report.write(
         path,
         Page(
             f"Diagnosis of {model.robot.name}",
             telling.sentence(found),
-            diagnosis_sections(found, file),
+            [*first, *diagnosis_sections(found, file)],
             _TONES[found.verdict],
             {"data": found.problem.given.source, "level": model.level, "effects": _effects(model), **versions()},
         ),

@@ -10,6 +10,7 @@ from pcalib import files
 from pcalib.laws.grammar import Law
 from pcalib.laws.proposal import Family, Proposal, Proposals
 from pcalib.laws.writing import names, spec, written
+from pcalib.report import Bullets, Section, Table
 
 SHOWN = 5
 """Classes of laws that are shown: the true one is nearly always among them."""
@@ -57,6 +58,11 @@ def rows(found: Proposals) -> list[tuple[str, str, str, str]]:
         (f.first.words(), figures(f.first), f"{f.first.s:.1f}", "yes" if f.first.adequate else "no")
         for f in found.families[:SHOWN]
     ]
+
+
+def section(found: Proposals) -> Section:
+    """The laws in a report: the simplest one in words, and the table of those that are shown."""
+    return Section("Laws that no library lists", [Bullets([sentence(found)]), Table(LAWS, rows(found))])
 
 
 def write(found: Proposals, folder: Path, source: str) -> dict[str, Path]:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from bench.jobs.diagnosis_benchmark import rows
-from pcalib.diagnosis import telling
+from pcalib.diagnosis import page, telling
 from pcalib.diagnosis.diagnose import diagnose
 from pcalib.diagnosis.verdict import Against, Doubt
+from pcalib.laws.telling import section
 from pcalib.laws.verdict import beside, both, chance
 
 
@@ -33,7 +34,7 @@ def test_a_better_law_pays_for_the_search():
     assert chance(1) == 0 and chance(88_578) == pytest.approx(22.8, abs=0.1)
 
 
-def test_a_law_that_no_effect_resembles_is_an_alarm():
+def test_a_law_that_no_effect_resembles_is_an_alarm(tmp_path):
     """The tool point follows a direction times a temperature: 12 noise units that no candidate and no pattern shows."""
     made = rows.replay("random_laws.rich/0#1", 0)
     found = diagnose(made.model, made.data)
@@ -44,6 +45,9 @@ def test_a_law_that_no_effect_resembles_is_an_alarm():
     said = telling.sentence(laws.found)
     assert said == "Something is missing: no listed effect shows it, a law outside the library does (p < 0.001)."
     assert "the direction of motor 1 × the temperature of arms" in laws.sentence
+    page.write_diagnosis(tmp_path / "r.html", made.model, laws.found, "m.toml", [section(laws.proposals)])
+    written = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "Laws that no library lists" in written and laws.proposals.families[0].first.words() in written
 
 
 def test_noise_is_no_law():
