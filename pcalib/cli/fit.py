@@ -72,7 +72,7 @@ def command(
     from pcalib.data import measurement
     from pcalib.diagnosis import visibility
     from pcalib.errors import FitError, InputError
-    from pcalib.fitting import as_drawn, identification, mixups, trust
+    from pcalib.fitting import as_drawn, crossvalidation, identification, mixups, trust
     from pcalib.model import Model
     from pcalib.uncertainty import assessed, outlook
     from pcalib.wording import size
@@ -80,8 +80,6 @@ def command(
     described = robots.load(robot)
     measured = measurement.load(data, described)
     if folds:
-        from pcalib.fitting import crossvalidation
-
         crossvalidation.require_folds(measured, folds)
     judged = mixups.judge(measured, described)
     nominal = as_drawn.compare(measured, described)
@@ -144,8 +142,6 @@ def command(
     if shares:
         say(f"- {visibility.sentence(shares)}")
     if folds:
-        from pcalib.fitting import crossvalidation
-
         with progress("cross-validating", folds) as advance:
             held = crossvalidation.cross_validate(measured, start, level, folds, tick=advance, **options)
         content["cross_validation"] = held.json()

@@ -90,7 +90,7 @@ def app(
 ) -> App:
     """A program whose commands are the files of `package`, which lies at `path`; none of them is imported.
 
-    Where `argv` (that of the process where None) begins with a command, the files of the others are not read.
+    Where `argv` (that of the process where None) begins with a command, only the file of this command is read.
     """
     program = App(
         name=name,

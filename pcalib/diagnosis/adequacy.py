@@ -29,7 +29,7 @@ are ten times as many, and each is one more chance to pass for what no library l
 TAIL = 0.01
 """Level below which limits are continued in proportion: of 4,096 draws, 41 lie beyond it."""
 RESOLVED = 10
-"""Draws that must lie below a p value for their number to say how rare it is: ten say so to a third."""
+"""Draws that must lie below a p value for their number to say how rare it is: ten give it to a third."""
 RANKED = 20
 """Sets that are tried in the order of their BIC until one is possible; those behind take up clearly less."""
 
@@ -92,10 +92,8 @@ def corrected(p: np.ndarray | float, null: np.ndarray) -> np.ndarray:
 
 
 def corrected_far(p: float, null: np.ndarray) -> float:
-    """A p value corrected as by :func:`corrected`, and continued in proportion to p below the smallest of few draws.
-
-    Far out, the chance that one of many groups stands out grows in proportion to p.
-    """
+    """A p value corrected as by :func:`corrected`; below the tenth smallest of few draws (n,) it is continued in
+    proportion to p, as :func:`limit` continues the limit."""
     edge = float(null[min(RESOLVED, len(null)) - 1])
     if p >= edge:
         return float(corrected(p, null))

@@ -201,9 +201,8 @@ def problem(
     rows, of, fit = np.flatnonzero(~data.check)[some], len(fit), fit.take(some) if len(some) < len(fit) else fit
     model = linearisation.seen_from(model, fit)
     made = replace(_linearised(model, fit, own, without), rows=rows, of=of)
-    Q = None
+    Q = joint_span(made.nuisance, made.groups)
     if not all_rows:
-        Q = joint_span(made.nuisance, made.groups)
         events = [p for p in made.patterns if p.found is not None and p.found.clear]
         steps = [made.whitened(p.columns) * p.size for p in events]  # rows after a step are no outliers
         known = span(np.hstack([made.nuisance, *steps]), NUISANCE)
@@ -218,11 +217,11 @@ def problem(
             keep = np.ones(len(fit), bool)
             keep[odd.rows] = False
             made = replace(_linearised(model, fit.take(keep), own, without), outliers=odd, given=fit, rows=rows, of=of)
-            Q = None
+            Q = joint_span(made.nuisance, made.groups)
         else:
             made = replace(made, outliers=odd)
     blocks = _blocks(made)
-    level = noise or _level(made, blocks, joint_span(made.nuisance, made.groups) if Q is None else Q)
+    level = noise or _level(made, blocks, Q)
     if level.source == "stated":
         return replace(made, noise=level)
     whitener = noises.whitener(level, blocks)

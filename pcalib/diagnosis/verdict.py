@@ -22,7 +22,7 @@ mentioning."""
 HELD_OUT = 5e-3
 """Chance of the test on held-out rows: with the α of the search on the rows to fit it makes the rate of alarms."""
 LAW = 5e-3
-"""Chance of the search for laws where nothing else is found, of the same rate of alarms."""
+"""Chance that the search for laws raises an alarm where nothing is missing; it adds to the same rate of alarms."""
 
 
 class Doubt(StrEnum):
@@ -49,7 +49,7 @@ class Against(StrEnum):
     STATED = "stated"
     """What is left over is larger than the stated noise, and no replicates show a larger one."""
     LAW = "law"
-    """A law that is no listed effect explains more than noise would, here and on held-out rows."""
+    """A law that is no listed effect explains more than noise would, on the rows to fit and on held-out rows."""
 
 
 @dataclass(frozen=True)

@@ -118,6 +118,7 @@ def variables(at: Situation) -> list[Variable]:
 
 
 def _place(axis: int) -> Variable:
+    """The plate's position along one axis, by its index."""
     name = "xyz"[axis]
     words = "the height" if name == "z" else f"the place along {name}"
     return Variable(name, words, "pose", lambda s: s.pose.x[:, axis], f"at.pose.x[:, {axis}]", "m")

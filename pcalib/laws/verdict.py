@@ -128,7 +128,8 @@ def both(p: float, held: float) -> float:
 
 
 def with_laws(found: Diagnosis) -> Diagnosis:
-    """The diagnosis, in which no effect is established where a law explains the data better."""
+    """The diagnosis with what laws say of it: nothing is established where a law explains the data better, and
+    something is missing where a law alone shows it."""
     laws = beside(found)
     return found if laws is None else laws.found
 

@@ -16,7 +16,7 @@ import numpy as np
 COVERAGE = 0.95
 """Share of landings that u95 contains."""
 HALVINGS = 30
-"""They leave a billionth of the difference between the smallest and the largest radius."""
+"""Bisections of the interval between the smallest and the largest radius: a billionth of it is left."""
 
 
 def _matched(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from pcalib.effects.base import Effect
 from pcalib.errors import PcalibError
 from pcalib.model import Model
 
-if TYPE_CHECKING:  # to weigh the rivals that a model keeps takes no diagnosis
+if TYPE_CHECKING:  # weighing the rivals that a model keeps needs no diagnosis
     from pcalib.diagnosis.diagnose import Diagnosis
     from pcalib.diagnosis.verdict import Explanation
 
