@@ -165,16 +165,20 @@ class Problem:
         return Known(self.classes, self.noise.dof)
 
     def screen(self, n_draws: int = 4096, seed: int = 0) -> Screen:
-        """The reduced arrays that all tests run on."""
-        return screen(
-            self.y,
-            self.nuisance,
-            self.groups,
-            self.known,
-            from_rest=self.noise.source == "residuals" or self.noise.pooled,
-            n_draws=n_draws,
-            seed=seed,
-        )
+        """The reduced arrays that all tests run on; the diagnosis, the laws and the evidence of one problem share
+        them."""
+        key = n_draws, seed
+        if key not in self._screens:
+            from_rest = self.noise.source == "residuals" or self.noise.pooled
+            self._screens[key] = screen(
+                self.y, self.nuisance, self.groups, self.known, from_rest=from_rest, n_draws=n_draws, seed=seed
+            )
+        return self._screens[key]
+
+    @cached_property
+    def _screens(self) -> dict[tuple[int, int], Screen]:
+        """The screens that were made, by the number of their draws and the seed."""
+        return {}
 
 
 def problem(
